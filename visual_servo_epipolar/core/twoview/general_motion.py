@@ -42,7 +42,6 @@ from visual_servo_epipolar.core.twoview.refinement import (
 WIDTHS = np.array([4.0, 3.0, 2.0, 1.5, 1.2, *[1.0] * 5])  # of the noise, step by step
 FIRST_SCALE, LEAST_SCALE = 0.5, 0.15  # noise [px] that is begun with, and at least believed
 MODES, APART = 12, 0.01  # refined motions that are kept, and between them: of R, and of t [rad]
-DIRECTIONS = 40  # of a baseline that hardly shows, to start from
 MEDIAN = 0.6612  # of |x| of a normal x cut off at INLIER_DEVIATIONS
 NEAR_EPIPOLE = 1e-3  # sine of the angle from it within which depths have no sign
 AXES = cross_matrix(np.eye(3))  # of the three turns
@@ -213,20 +212,18 @@ def general_motion(rays: Rays) -> GeneralFit:
         raise DegenerateGeometryError(
             f'a general motion needs {MIN_MATCHES} matches, got {rays.matches}'
         )
-    fit = GeneralFit(rays, table_of(rays), _starts(rays), FIRST_SCALE)
+    by_usac = Motions.of(essential_matrices(rays.current, rays.desired, float(rays.mean_noise)))
+    rotation = fit_rotation(rays.current, rays.desired).rotation
+    starts = by_usac.joined(_in_any_direction(rotation))
+    fit = GeneralFit(rays, table_of(rays), starts, FIRST_SCALE)
     return fit.of_different(fit.refined(fit.motions, 2.0 * WIDTHS)).settled()
 
 
-def _starts(rays: Rays) -> Motions:
-    """Return motions by USAC, and of the best rotation with a baseline in any direction."""
-    k = np.arange(DIRECTIONS) + 0.5  # a spiral over half a sphere
-    height, angle = k / DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k
-    radius = np.sqrt(1.0 - height * height)
-    baseline = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1)
-    rotation = fit_rotation(rays.current, rays.desired).rotation
-    turned = Motions(np.repeat(rotation[None], DIRECTIONS, axis=0), baseline)
-    essential = essential_matrices(rays.current, rays.desired, float(rays.mean_noise))
-    return Motions.of(essential).joined(turned)
+def _in_any_direction(rotation: FloatArray) -> Motions:
+    """Return motions of a ``rotation``, (3, 3), ahead, aside and between, from which to start."""
+    angles = np.linspace(0.0, np.pi, 4, endpoint=False)
+    baseline = np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1)
+    return Motions(np.repeat(rotation[None], 4, axis=0), baseline)
 
 
 def _scale_of(distances: FloatArray, scale: float) -> float:
@@ -255,9 +252,7 @@ def noise_of_small_baseline(
     Where the direction is lost in the noise, distances are those of the noise all the same.
     """
     rays = rays_of(current, desired, resolution)
-    angles = np.linspace(0.0, np.pi, 4, endpoint=False)
-    baseline = np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1)
-    start = Motions(np.repeat(rotation[None], 4, axis=0), baseline)
+    start = _in_any_direction(rotation)
     fit = GeneralFit(rays, table_of(rays), start, noise)
     motions = fit.refined(start, np.ones(3))
     best = fit.plain_losses(motions.essentials).sum(axis=1).argmin()
