@@ -52,7 +52,6 @@ MIN_CORRELATION = 0.75
 ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
 AMONG_NEIGHBOURS = 0.85  # correlation of those, for which no descriptor speaks
 MIN_SHARE = 0.5  # of the matches that must agree
-PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
 REPORTED = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
@@ -248,8 +247,6 @@ def _simplest_planar(
         )
     except DegenerateGeometryError:
         return None
-    if planar.inliers.sum() < PLANAR_SHARE * fit.inliers.sum():
-        return None  # its twin may explain more, as in a mirrored image
     mount = settings.mount
     costs = fit.losses(Motions.of(planar.fundamental[None]).twins).sum(axis=1)
     excess = float(costs.min() - fit.losses(fit.best).sum()) / spread.tails

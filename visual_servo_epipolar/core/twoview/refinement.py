@@ -34,8 +34,7 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
 
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
 NEGLIGIBLE = 0.3  # step that ends the iterations, in deviations of the noise: the next is tiny
-ANNEALING = 3  # steps until a wide start has narrowed to the noise
-SHORT_ANNEALING = 2  # the number where the start is near the truth
+ANNEALING = 2  # steps until a wide start has narrowed to the noise
 ITERATIONS = 9
 ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
 LEVERAGE, LEAST_SPARE = 0.5, 1e-4  # of a match that nothing speaks for; what others leave it
@@ -135,8 +134,9 @@ def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
     rough = ROUGH if scale > 1.0 else 1
 
     def linearise(parameters: FloatArray, number: int) -> Step:
-        steps = ANNEALING if many else SHORT_ANNEALING
-        return linearised_at(problem, parameters, number, annealed(scale, number, steps))
+        # wider than the noise at first
+        width = 1.0 + (scale - 1.0) * max(0.0, 1.0 - number / ANNEALING)
+        return linearised_at(problem, parameters, number, width)
 
     def moved(parameters: FloatArray, step: Step, change: FloatArray) -> tuple[FloatArray, bool]:
         longest = float(np.abs(change).max())
@@ -215,11 +215,6 @@ def _pull(prior: GaussianPrior, deviation: FloatArray) -> FloatArray:
     """Return the information of the prior times the ``deviation`` from its mean, (..., P)."""
     # Never a product of matrices: its bits would depend on how many geometries are side by side.
     return np.asarray((prior.information * deviation[..., None, :]).sum(axis=-1))
-
-
-def annealed(scale: float, number: int, steps: int) -> float:
-    """Return how much wider than the noise round 0, 1, ... takes it; 1 after ``steps``."""
-    return 1.0 + (scale - 1.0) * max(0.0, 1.0 - number / steps)
 
 
 def table_of(
