@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
 
 MIN_MATCHES = 8  # that define a geometry by linear equations
+MOTION_PARAMETERS = 5  # of a motion without its scale: a fit needs as many matches
 MIN_SINGULAR_RATIO = 1e-9
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 

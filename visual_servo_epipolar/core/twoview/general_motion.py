@@ -18,7 +18,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import cross_matrix, decomposed, MIN_MATCHES
+from visual_servo_epipolar.core.geometry.epipolar import (
+    cross_matrix,
+    decomposed,
+    MIN_MATCHES,
+    MOTION_PARAMETERS,
+)
 from visual_servo_epipolar.core.geometry.least_squares import (
     Equations,
     least_squares,
@@ -162,7 +167,9 @@ class GeneralFit(NamedTuple):
         """Return the root of Tukey's weight of residuals [px] at a wider noise."""
         return np.maximum(1.0 - (residual / (TUKEY * self.scale * width)) ** 2, 0.0)
 
-    def refined(self, motions: Motions, widths: FloatArray, unknowns: int = 5) -> Motions:
+    def refined(
+        self, motions: Motions, widths: FloatArray, unknowns: int = MOTION_PARAMETERS
+    ) -> Motions:
         """Return motions, or with 3 ``unknowns`` their rotations, after steps at ``widths``."""
 
         def linearise(now: Motions, number: int) -> Equations:
@@ -171,7 +178,7 @@ class GeneralFit(NamedTuple):
             return Equations.of(rows * weight[:, None], RIDGE * np.eye(unknowns))
 
         def moved(now: Motions, at: Equations, change: FloatArray) -> tuple[Motions, bool]:
-            return now.changed(np.pad(-change, ((0, 0), (0, 5 - unknowns)))), False
+            return now.changed(np.pad(-change, ((0, 0), (0, MOTION_PARAMETERS - unknowns)))), False
 
         return least_squares(motions, linearise, moved, len(widths))[0]
 
@@ -315,12 +322,12 @@ def spread_of(fit: GeneralFit, shared: float = 1.0) -> tuple[GeneralFit, Spread]
     rows = fit.rows(fit.best)[0]
     weight = fit.weight(rows[0])
     pulls = np.asarray(rows[1:] * weight**2)
-    information = Equations.of(rows * weight, RIDGE * np.eye(5)).information
+    information = Equations.of(rows * weight, RIDGE * np.eye(MOTION_PARAMETERS)).information
     inverse = np.asarray(np.linalg.inv(information))
     parts = together(pulls * rows[0], inverse, fit.rays.desired)
     meat = (pulls * rows[0]) @ (pulls * rows[0]).T
     count = max(int((weight > 0.0).sum()), 6)
-    spare = max(shared, parts) * count / (count - 5)
+    spare = max(shared, parts) * count / (count - MOTION_PARAMETERS)
     tails = max(float(np.trace(inverse @ meat)) / (5 * fit.scale**2), 1.0) * spare
     covariance = inverse @ (0.5 * spare * (meat + fit.scale**2 * information)) @ inverse
     slopes = _bearing_slopes(fit.best)

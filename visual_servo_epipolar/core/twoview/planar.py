@@ -13,6 +13,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.cheirality import AHEAD_SHARE, balances_ahead
+from visual_servo_epipolar.core.geometry.epipolar import MOTION_PARAMETERS
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import Axes, tangents
 from visual_servo_epipolar.core.twoview.estimator import Estimate, Prior
@@ -26,7 +27,6 @@ from visual_servo_epipolar.core.twoview.refinement import (
     refined,
 )
 
-MIN_MATCHES = 5  # as many as a motion has parameters
 GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
 UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
 JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
@@ -78,7 +78,7 @@ def from_last_bearings(
 ) -> Estimate | None:
     """Return the estimate by the last bearings where they explain the plausible ``matches``."""
     count = int(matches.sum())
-    if prior.bearings is None or count < MIN_MATCHES:
+    if prior.bearings is None or count < MOTION_PARAMETERS:
         return None
     problem = model.problem(rays, prior, matches)
     start = with_bearings(problem.prior.mean, prior)

@@ -15,10 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median
-from visual_servo_epipolar.core.geometry.least_squares import cauchy, deviation_of, robust_fit
+from visual_servo_epipolar.core.geometry.least_squares import (
+    cauchy,
+    deviation_of,
+    REWEIGHTINGS,
+    robust_fit,
+)
 from visual_servo_epipolar.core.geometry.rays import dot, rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotated, rotation_vector
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.twoview.hypotheses import WORST
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 FEWEST = 12  # features in both images: four unknowns, and some of them may be wrong
@@ -29,7 +35,6 @@ LONGEST_S = 1.5  # between them
 JERKY, TYPICAL_S = 0.25, 0.02  # part of a jump by which a rate may be off; a usual readout [s]
 OFF_AXLE = 0.03  # deviation of the shear that parallax causes in a turn of 1 rad [rad]
 ASIDE = 0.1  # part of the parallax that is not along the direction of travel
-ROUNDS, OUTLYING = 4, 2.5  # of a robust fit; deviations at which a feature counts half
 LEAST_RAD = 1e-9  # deviation of a ray that is divided by
 LEAST_SINE = 0.05  # of the angle between a ray and the direction of travel, likewise
 MODEL_S = 1e-3  # least deviation of a readout, of however many images
@@ -283,7 +288,7 @@ def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
     # across . (turn x r) = turn . (r x across)
     moved = dot(across, np.cross(rays, axes.up) * pair.rows[:, None])
     columns = np.column_stack([np.cross(rays, across), moved])
-    fit = robust_fit(columns, shift, _weights, ROUNDS)
+    fit = robust_fit(columns, shift, _weights, REWEIGHTINGS)
     if fit is None:
         return None
     deviation = _noise(fit.residual) * math.sqrt(fit.covariance()[3, 3])
@@ -295,4 +300,4 @@ def _noise(misses: FloatArray) -> float:
 
 
 def _weights(misses: FloatArray) -> FloatArray:
-    return cauchy(misses * misses, (OUTLYING * _noise(misses)) ** 2)
+    return cauchy(misses * misses, WORST * _noise(misses) ** 2)

@@ -20,7 +20,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import Bearings, decomposed
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, decomposed, MOTION_PARAMETERS
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import image_axes, rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
@@ -43,7 +43,6 @@ from visual_servo_epipolar.core.twoview.planar import (
     concluded,
     from_last_bearings,
     JITTER_SHARE,
-    MIN_MATCHES,
     PlanarModel,
     undetermined,
     widening,
@@ -67,7 +66,6 @@ from visual_servo_epipolar.core.twoview.tilted_planar import (
 from visual_servo_epipolar.core.twoview.wrong_lens import starts_by_focal_lengths
 
 POOR = 0.4  # part of the worst possible cost above which few matches agree
-ROUGH_LENS = 3.0  # of hypotheses with a focal length between two that are tried, in noises
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts
 GENERAL = math.radians(2.5)  # above it tilts to try would be too many
 TILTS = np.linspace(-1.0, 1.0, 9)  # of those, in deviations of the prior
@@ -76,7 +74,7 @@ LEVEL_MODES = 6
 NO_JUMP = np.zeros(1)
 JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in jitters
 PLANARITY = 0.004  # how far a good one leaves n . t and R n - n from zero
-ROUGHNESS = 6.0  # of hypotheses by USAC, in noises
+ROUGHNESS = 6.0  # of hypotheses by USAC, or of a focal length beside the true one, in noises
 
 Refine = Callable[[PlanarModel, Rays, Prior], Fit]
 
@@ -190,7 +188,7 @@ def _found(
     model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior, refine: Refine
 ) -> _Found:
     matches = matches & plausible_matches(rays, prior)
-    remaining = remaining_rays(rays, matches, MIN_MATCHES)
+    remaining = remaining_rays(rays, matches, MOTION_PARAMETERS)
     fits = refine(model, remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
     if alternative is None and not prior.decided and prior.lens.calibrated:
@@ -245,7 +243,7 @@ def _refined_hypotheses(
         starts = np.vstack([starts, with_bearings(problem.prior.mean, prior)])
     if not len(starts):
         raise undetermined()
-    least = roughness if calibrated else ROUGH_LENS
+    least = roughness if calibrated else ROUGHNESS
     fits = refined(starts, problem, max(least, widening(rays, prior)))
     if not calibrated:
         return fits

@@ -7,7 +7,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES, sampson_distance
+from visual_servo_epipolar.core.geometry.epipolar import (
+    Bearings,
+    MIN_MATCHES,
+    MOTION_PARAMETERS,
+    sampson_distance,
+)
 from visual_servo_epipolar.core.geometry.least_squares import likeliest_noise
 from visual_servo_epipolar.core.geometry.rays import handedness
 from visual_servo_epipolar.core.geometry.rotation import RotationFit
@@ -29,7 +34,7 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 MIN_INLIER_SHARE = 0.3
 MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
 FEW_SHARE = 0.8  # of the matches: fewer than min_features may agree by chance, if not most do
-MOTION_PARAMETERS, LEAST_SPARE = 5, 3.0  # of a general one; matches beyond them, at least
+LEAST_SPARE = 3.0  # matches beyond the parameters of a motion, at least
 LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
