@@ -182,3 +182,11 @@ def test_matches_that_coincide_are_degenerate(prior: Prior) -> None:
         same = replace(pair, current=current, desired=desired, noise=pair.noise[chosen])
         with pytest.raises(DegenerateGeometryError):
             solve(same, prior)
+
+
+def test_a_view_that_tilts_by_a_degree_against_the_photograph_is_seen_by_another_attempt() -> None:
+    cell = Cell(baseline=2.0, points=40, noise=0.3, outliers=0.2, jitter=1.0, tilt=1.0)
+    rough, deviation = math.radians(cell.jitter), math.radians(1.5)
+    prior = Prior(Attitude(tilt_deviation=deviation, roll_deviation=deviation, jitter=rough))
+    pairs = [draw_pair(cell, np.random.default_rng(seed)) for seed in range(2, 32)]
+    assert max(own_error(pair, prior) for pair in pairs) < 3.0  # 44, without hypotheses of jumps
