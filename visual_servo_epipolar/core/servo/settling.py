@@ -319,8 +319,7 @@ def pulsed_move(
     bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
     moves = _moves(rest.linear, band)
     swings = band > 0.0 and state.settling.swing_s > 0.0
-    # A swing shows the goal as far off as a robot drives until it sees that.
-    near = abs(left) <= seen_after(settings) * (settings.max_linear if swings else band)
+    near = abs(left) <= max(band * seen_after(settings), AT_GOAL_M if swings else 0.0)
     if not moves and ((abs(wanted.linear) >= band and not swings) or not near):
         return None
     if not moves and abs(left) <= bound and not turn:  # there, but it may have to turn
