@@ -41,7 +41,7 @@ def test_a_pressed_button_stops_the_robot(rig) -> None:
 def test_a_servo_that_is_started_in_mid_press_stands(bench) -> None:
     bench.talk(Bool, 'stop_button', qos.LATCHED)(Bool(data=True))
     rig = Rig(bench)
-    bench.settle()
+    bench.until(lambda: bench.logged('the stop button is pressed'), 'the button to be heard')
     rig.stand()
     assert not bench.call('servo_node/start').success
 
