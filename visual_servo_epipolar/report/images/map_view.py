@@ -38,7 +38,9 @@ class MapView:
         size = np.array([WIDTH, height])
         self._scale = float((size / (high - low)).min())
         self._origin = 0.5 * (size - self._scale * (low + high) * (1.0, -1.0))
-        self._angle, self._samples = field_of_view, list[Sample]()
+        self._angle = field_of_view
+        self._first: Sample | None = None
+        self._last: Sample | None = None
         self._canvas: Image = np.full((height, WIDTH, 3), 255, dtype=np.uint8)
         reach = math.ceil(max(WIDTH, height) / self._scale + np.abs((low, high)).max())
         for k in range(-reach, reach + 1):
@@ -49,17 +51,17 @@ class MapView:
 
     def add(self, sample: Sample) -> None:
         """Take one control step into the path."""
-        self._samples.append(sample)
-        before, after = self._samples[-2:][0], sample
-        ends = np.array([(it.pose.x, it.pose.y) for it in (before, after)])
+        before = self._last or sample
+        self._first, self._last = self._first or sample, sample
+        ends = np.array([(it.pose.x, it.pose.y) for it in (before, sample)])
         colour = bgr(phase_colour(before.phase.value))
         draw_lines(self._canvas, self.pixels(ends)[None], colour, 3)
 
     def picture(self) -> Image:
         """Return the map as of now, shape (height, WIDTH, 3), BGR."""
         picture = self._canvas.copy()
-        if self._samples:
-            first, last = self._samples[0], self._samples[-1]
+        first, last = self._first, self._last
+        if first and last:
             colour = bgr(phase_colour(last.phase.value))
             wedge = view_wedge(last.pose, angle=self._angle, reach=0.6)
             draw_lines(picture, self.pixels(wedge)[None], colour, 1, closed=True)
