@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.laws import braking
 from visual_servo_epipolar.core.laws.braking import braked_turn
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.odometry.legs import Slope
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 

@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.laws.conditions import (
     is_sideways,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
+from visual_servo_epipolar.core.odometry.legs import Leg, Slope
 from visual_servo_epipolar.core.servo.settling import is_close, is_settled
 from visual_servo_epipolar.core.servo.supervisor import (
     classify,

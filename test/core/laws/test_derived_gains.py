@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.laws.derived_gains import circumstances
 from visual_servo_epipolar.core.laws.gains import derive, longest_convergence
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import BORNE
-from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.odometry.legs import Slope
 from visual_servo_epipolar.core.servo import supervisor as step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

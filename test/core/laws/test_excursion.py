@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.conditions import excursion_limit
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.laws.conditions import (
 )
 from visual_servo_epipolar.core.laws.equations import follow_line
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.ranging import (
+from visual_servo_epipolar.core.odometry.legs import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
 )

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.laws.arrival import (
     is_near_enough,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.odometry.legs import Slope
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled

@@ -9,7 +9,7 @@ from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then, 
 
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify
 from visual_servo_epipolar.core.twoview.estimator import UNKNOWN_COVARIANCE

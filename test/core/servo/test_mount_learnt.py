@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.memory import yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
-from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.state import ServoState

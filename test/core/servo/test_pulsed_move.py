@@ -12,7 +12,7 @@ from servo_states import in_phase, SETTINGS, sight
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.odometry.legs import Slope
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings

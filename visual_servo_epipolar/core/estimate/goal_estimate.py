@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.estimate.map_state import FilteredPose, PLACE
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.odometry.ranging import Slope
+from visual_servo_epipolar.core.odometry.legs import Slope
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.rigs.rig import Command, HALT

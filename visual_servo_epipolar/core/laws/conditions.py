@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.arrival import engage_bound
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event
-from visual_servo_epipolar.core.odometry.ranging import (
+from visual_servo_epipolar.core.odometry.legs import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
     Leg,

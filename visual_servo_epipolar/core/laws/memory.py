@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.laws.gains import Gains
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.ranging import Leg
+from visual_servo_epipolar.core.odometry.legs import Leg
 
 MemoryT = TypeVar('MemoryT', bound='Memory')
 

@@ -81,7 +81,7 @@ from visual_servo_epipolar.core.laws.steering import (
     visible_aim,
 )
 from visual_servo_epipolar.core.laws.two_steps import MATCHING_FEATURES, transitions_by
-from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.odometry.legs import UNKNOWN_RANGE
 
 AHEAD, STILL_LEFT = 0.5, 0.1  # cosine of a bearing; way at least where bearings say none [m]
 TURN_S = 0.5  # time constant of turns to where features stay in view

@@ -68,7 +68,7 @@ from visual_servo_epipolar.core.laws.memory import Memory, yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.prediction import felt_latency
 from visual_servo_epipolar.core.laws.standing import ORIENTING, RETREATING, STANDING
-from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.odometry.legs import UNKNOWN_RANGE
 from visual_servo_epipolar.core.reasons import Reason
 
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro

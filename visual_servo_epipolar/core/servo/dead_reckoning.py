@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.prediction import is_late
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
-from visual_servo_epipolar.core.odometry.ranging import Leg, Slope
+from visual_servo_epipolar.core.odometry.legs import Leg, Slope
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
 from visual_servo_epipolar.core.twoview.measurement import Measurement

@@ -6,7 +6,7 @@ import math
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.odometry.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.odometry.legs import UNKNOWN_RANGE
 from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.state import ServoState

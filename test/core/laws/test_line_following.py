@@ -1,4 +1,4 @@
-"""Ranging by two bearings and the path between, and line following."""
+"""Line following, and curvature that is steered against."""
 
 import math
 
