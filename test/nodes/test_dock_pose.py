@@ -127,6 +127,8 @@ def test_without_nav2_msgs_the_action_is_missed_in_one_line(bench, monkeypatch) 
         ('servo', 'other', '-r servo_node/start:=NAME/start'),
         ('key_views', 5, 'gone, 10 holds'),
         ('wait_for_charge', True, 'gone, False holds'),
+        ('max_retries', 5, 'RetryUntilSuccessful of a behaviour tree'),
+        ('dock_approach_timeout', 60.0, 'run_timeout of servo_node'),
     ],
 )
 def test_a_name_of_an_earlier_version_is_refused_with_what_holds_today(

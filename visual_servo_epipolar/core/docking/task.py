@@ -20,9 +20,6 @@ class DockTaskSettings(Settings):
     """Settings of the action dock_robot: names as docking_server has them."""
 
     RENAMED: ClassVar[Mapping[str, str]] = {
-        'wait_for_charge': 'battery_state, asked by a behaviour tree',
-        'charging_threshold': 'battery_state, asked by a behaviour tree',
-        'wait_charge_timeout': 'battery_state, asked by a behaviour tree',
         'initial_perception_timeout': 'arming_timeout of servo_node',
         'dock_approach_timeout': 'run_timeout of servo_node',
         'max_retries': 'RetryUntilSuccessful of a behaviour tree',
