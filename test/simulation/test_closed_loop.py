@@ -111,51 +111,35 @@ def test_with_the_true_sign_the_desired_epipole_is_zeroed_in_finite_time() -> No
     assert 0 < len(left) < len(samples)
     # And stays there, as the latch stops the translation: three deviations of its noise, 1 px.
     assert max(abs(sample.epipole_desired) for sample in samples[len(left) + 11 :]) < 5.4
+    epipoles = np.array([(one.epipole_current, one.epipole_desired) for one in left])
+    assert (epipoles < 0.0).all()  # until then they keep their signs
 
 
-def test_with_the_true_sign_the_epipoles_keep_their_signs_until_then() -> None:
+def test_concordant_epipoles_lead_away_from_the_goal_and_d_hat_keeps_its_lead() -> None:
     left = before_zero(first_step_of(corrected()))
-    epipoles = [(one.epipole_current, one.epipole_desired) for one in left]
-    signs = {(math.copysign(1.0, a), math.copysign(1.0, e)) for a, e in epipoles}
-    assert signs == {(-1.0, -1.0)}
-
-
-def test_concordant_epipoles_lead_away_from_the_goal() -> None:
-    distance = [sample.pose.distance for sample in before_zero(first_step_of(corrected()))]
+    distance = [sample.pose.distance for sample in left]
     assert (np.diff(distance) > 0.0).all()
     assert distance[-1] > 3.0 * distance[0]
-
-
-def test_d_hat_keeps_its_lead_over_the_distance_while_driving() -> None:
-    left = before_zero(first_step_of(corrected()))
     lead = [sample.distance_estimate - sample.pose.distance for sample in left]
     # (19), over some 12 m: a tenth of a percent for noise in e_au and for speeds held a period.
     assert max(lead) - min(lead) < 0.012
 
 
-def test_the_printed_sign_fails_and_says_why() -> None:
+def test_the_printed_sign_leads_to_the_line_beside_the_goal_and_says_why_it_fails() -> None:
     log = driven((1.0, -3.0, 0.0), 'paper')
     assert log.outcome == 'failed'
     assert log.reason == 'the desired epipole ran away to infinity in zeroing_epipoles'
-
-
-def test_the_printed_sign_leads_to_the_line_beside_the_goal() -> None:
-    # e_du = f x / y diverges where y = 0.
-    final = driven((1.0, -3.0, 0.0), 'paper').samples[-1].pose
+    final = log.samples[-1].pose  # e_du = f x / y diverges where y = 0
     assert abs(final.y) < 0.1 * abs(final.x)
 
 
 @pytest.mark.parametrize('law', ['full', 'paper'])
-def test_an_ended_run_stands_still(law: str) -> None:
-    *_, last_but_one, last = driven((1.0, -3.0, 0.0), law).samples
-    assert last.phase.ended
+def test_a_run_is_recorded_until_the_base_has_braked(law: str) -> None:
+    samples = driven((1.0, -3.0, 0.0), law).samples
+    *_, last_but_one, last = samples
+    assert sum(sample.phase.ended for sample in samples) == SETTLE_FRAMES
     assert last.twist == STANDSTILL
     assert last.pose == last_but_one.pose
-
-
-def test_a_run_is_recorded_until_the_base_has_braked() -> None:
-    samples = driven((1.0, -3.0, 0.0)).samples
-    assert sum(sample.phase is Phase.ARRIVED for sample in samples) == SETTLE_FRAMES
 
 
 def test_a_run_cut_by_time_fails_with_the_reason() -> None:
@@ -185,21 +169,6 @@ def test_from_the_goal_the_robot_hardly_moves() -> None:
     assert max(math.hypot(sample.pose.x, sample.pose.y) for sample in log.samples) < 5e-4
     log = driven((0.0, 0.0, 0.0), memory=False)
     assert {(sample.pose.x, sample.pose.y) for sample in log.samples} == {(0.0, 0.0)}
-
-
-def test_a_pure_rotation_is_turned_back() -> None:
-    log = driven((0.0, 0.0, 10.0), limit=60.0)
-    assert 'orienting' in {span.name for span in phase_spans(log)}
-    assert log.outcome == 'arrived'
-    assert abs(summarise(log)['heading_error_deg']) < 0.3
-
-
-def test_a_robot_that_sees_nothing_waits_where_it_is() -> None:
-    log = driven((1.0, -3.0, 180.0), limit=5.0)
-    assert log.outcome == 'failed'
-    assert 'still waiting' in log.reason
-    assert {(sample.pose.x, sample.pose.y) for sample in log.samples} == {(1.0, -3.0)}
-    assert {sample.twist for sample in log.samples} == {STANDSTILL}
 
 
 def test_a_watcher_is_given_every_sample() -> None:
@@ -279,6 +248,8 @@ def test_a_start_from_which_nothing_is_in_view_ends_soon_with_the_reason() -> No
     waited = ServoSettings.holding_timeout
     assert waited < summarise(log)['duration_s'] < waited + 0.2
     assert {sample.phase for sample in log.samples} == {Phase.WAITING}
+    assert {(sample.pose.x, sample.pose.y) for sample in log.samples} == {(0.0, -3.0)}
+    assert {sample.twist for sample in log.samples} == {STANDSTILL}
 
 
 def test_features_that_come_into_view_in_time_begin_the_run() -> None:

@@ -198,13 +198,6 @@ def test_a_law_that_leads_away_by_itself_may_do_so() -> None:
     assert asked(excursion_limit, off(2.0), sight(), replace(SETTINGS, retreat=False)) == ''
 
 
-def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:
-    near = ranged(0.3)
-    at_first = Leg(0.29 * math.cos(BEARINGS.psi), 0.29 * math.sin(BEARINGS.psi))
-    state = off(2.0, leg=at_first, extrinsics=near)
-    assert asked(excursion_limit, state, sight(), SETTINGS) == ''
-
-
 @pytest.mark.parametrize('phase', DRIVING)
 def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
     state = off(2.0, phase, travel=-1e3)

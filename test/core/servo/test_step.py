@@ -221,15 +221,7 @@ def test_a_step_on_features_is_pure() -> None:
     assert repr(first) == repr(second)
 
 
-def test_frames_are_counted() -> None:
-    assert after(measurement(), blind(0.1), measurement(0.2)).view.frame == 3
-
-
 # The road
-
-
-def test_apart_from_the_goal_the_epipole_is_displaced_first() -> None:
-    assert after(measurement()).phase is Phase.DISPLACING
 
 
 def test_law_full_displaces_the_current_epipole_to_the_discordant_side() -> None:
@@ -526,27 +518,6 @@ def test_bearings_that_are_not_trusted_hold_the_robot() -> None:
     state = after(doubtful, state=in_phase(Phase.ZEROING_EPIPOLES))
     assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
     assert 'undecided' in state.reason
-
-
-def test_without_tracks_the_servo_waits() -> None:
-    state = after(*(blind(float(k)) for k in range(100)))
-    assert (state.phase, state.twist) == (Phase.WAITING, STANDSTILL)
-
-
-@pytest.mark.parametrize('phase', DRIVING)
-def test_time_that_runs_backwards_holds_the_robot(phase: Phase) -> None:
-    running = in_phase(phase, measurement=measurement(2.0), phase_start_ns=stamp(1.0))
-    state = after(measurement(1.5), state=running)
-    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
-    assert state.reason == 'the stamps do not advance; is /clock published?'
-    assert after(*seen(1.6, 1.7, 1.8), state=state).phase is Phase.DISPLACING
-
-
-def test_time_that_runs_backwards_does_not_change_d_hat() -> None:
-    running = in_phase(
-        Phase.ZEROING_EPIPOLES, measurement=measurement(2.0), command=Command(Twist(0.3, 0.0))
-    )
-    assert after(measurement(1.5), state=running).motion.distance == 8.0
 
 
 @pytest.mark.parametrize('phase', DRIVING)
