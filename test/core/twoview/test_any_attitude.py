@@ -12,11 +12,11 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rays import image_points, rotation_level_camera
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Prior
+from visual_servo_epipolar.core.twoview.planar_motion import PHI, PSI
 from visual_servo_epipolar.core.twoview.soft_planar import (
     planar_parameters,
     soft_planar,
 )
-from visual_servo_epipolar.core.twoview.tilted_planar import PHI, PSI
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     draw_pair,

@@ -16,11 +16,7 @@ from visual_servo_epipolar.core.geometry.rays import (
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.core.twoview.hypotheses import rays_of
-from visual_servo_epipolar.core.twoview.soft_planar import (
-    general_start_parameters,
-    planar_parameters,
-)
-from visual_servo_epipolar.core.twoview.tilted_planar import (
+from visual_servo_epipolar.core.twoview.planar_motion import (
     matrices,
     PHI,
     PSI,
@@ -28,6 +24,10 @@ from visual_servo_epipolar.core.twoview.tilted_planar import (
     ROLL_JUMP,
     TILT,
     TILT_JUMP,
+)
+from visual_servo_epipolar.core.twoview.soft_planar import (
+    general_start_parameters,
+    planar_parameters,
 )
 
 WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))

@@ -10,11 +10,10 @@ from strategies import floats
 from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
-from visual_servo_epipolar.core.twoview import wrong_lens
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Prior
+from visual_servo_epipolar.core.twoview.planar_motion import matrices
 from visual_servo_epipolar.core.twoview.registry import estimate
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
-from visual_servo_epipolar.core.twoview.tilted_planar import matrices
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     draw_pair,
@@ -118,10 +117,10 @@ UNKNOWN = Prior(lens=unknown_lens(1.0))
 @given(floats(-0.5, 0.5), floats(-1.8, 1.0), floats(-0.05, 0.05), floats(-0.05, 0.05))
 def test_the_derivatives_are_those_of_a_wrong_lens(psi, log_ratio, rest, shift_slope) -> None:
     at = np.array([[psi, 0.3, 0.02, -0.01, 0.03, 0.01, log_ratio, rest, shift_slope]])
-    stack = wrong_lens.matrices(at)
+    stack = matrices(at)
     for k in range(8):
         step = 1e-6 * np.eye(9)[k]
-        rise = wrong_lens.matrices(at + step)[0, 0] - wrong_lens.matrices(at - step)[0, 0]
+        rise = matrices(at + step)[0, 0] - matrices(at - step)[0, 0]
         np.testing.assert_allclose(stack[0, k + 1], rise / 2e-6, atol=1e-7)
     assert not stack[0, 9].any()  # the slope is known
 
@@ -131,7 +130,7 @@ def test_the_matrix_is_that_of_wrong_rays() -> None:
     true = matrices(angles)[0, 0].reshape(3, 3)
     shift = 0.01 + 0.05 * -0.7
     camera = np.array([[math.exp(-0.7), 0.0, shift], [0.0, math.exp(-0.7), 0.0], [0.0, 0.0, 1.0]])
-    made = wrong_lens.matrices(np.array([[*angles[0], -0.7, 0.01, 0.05]]))[0, 0].reshape(3, 3)
+    made = matrices(np.array([[*angles[0], -0.7, 0.01, 0.05]]))[0, 0].reshape(3, 3)
     np.testing.assert_allclose(made, camera.T @ true @ camera, atol=1e-12)
 
 

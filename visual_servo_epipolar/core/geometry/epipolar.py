@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, TINY
+from visual_servo_epipolar.core.arrays import FloatArray, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
@@ -106,21 +106,6 @@ def fundamental_from_bearings(bearings: Bearings) -> FloatArray:
     cos_psi, sin_psi = math.cos(bearings.psi), math.sin(bearings.psi)
     cos_phi, sin_phi = math.cos(bearings.phi), math.sin(bearings.phi)
     return np.array([[0.0, -sin_psi, 0.0], [cos_phi, 0.0, sin_phi], [0.0, cos_psi, 0.0]])
-
-
-def fundamentals(phasors: ComplexArray, balance: FloatArray) -> FloatArray:
-    """
-    Return F of planar motions at unit focal length, shape (..., 3, 3).
-
-    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2), of the bearings where ``balance``,
-    shape (...), is not negative, of their reverse where it is.
-    """
-    signed = np.where(balance < 0.0, -1.0, 1.0)[..., None] * phasors
-    psi, phi = signed[..., 0], signed[..., 1]
-    matrices = np.zeros((*psi.shape, 3, 3))
-    matrices[..., 0, 1], matrices[..., 2, 1] = -psi.imag, psi.real
-    matrices[..., 1, 0], matrices[..., 1, 2] = phi.real, phi.imag
-    return matrices
 
 
 def in_pixels(

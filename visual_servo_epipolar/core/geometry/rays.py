@@ -72,12 +72,15 @@ def image_axes(x: FloatArray, y: FloatArray, z: FloatArray) -> Axes:
     return right, (-x * y / root, (1.0 - y * y) / root, -y * z / root)
 
 
-def rotation_level_camera(tilt: float, roll: float) -> FloatArray:
-    """Return the rotation, shape (3, 3), from camera axes to those of an upright camera."""
-    c, s = np.cos(tilt), np.sin(tilt)
-    tilted = np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]])
-    c, s = np.cos(roll), np.sin(roll)
-    return np.asarray(tilted @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+def rotation_level_camera(tilt: Any, roll: Any) -> FloatArray:
+    """Return rotations, (..., 3, 3), from camera axes to those of an upright camera: (...)."""
+    cos_tilt, sin_tilt, cos_roll, sin_roll = np.cos(tilt), np.sin(tilt), np.cos(roll), np.sin(roll)
+    rotations = np.zeros((*np.shape(tilt), 3, 3))
+    rotations[..., 0, 0], rotations[..., 0, 1] = cos_roll, -sin_roll
+    rotations[..., 1, 0], rotations[..., 1, 1] = cos_tilt * sin_roll, cos_tilt * cos_roll
+    rotations[..., 1, 2], rotations[..., 2, 2] = sin_tilt, cos_tilt
+    rotations[..., 2, 0], rotations[..., 2, 1] = -sin_tilt * sin_roll, -sin_tilt * cos_roll
+    return rotations
 
 
 def level(

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
 
 MOST_CORRELATED = 0.9999  # a covariance beyond it is singular but for rounding
+BLUR_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
 LEAST_JITTER = 1e-4  # of what a floor adds, that estimators take it for [rad]
 COLD_DEVIATION = math.radians(2.0)  # of tilt and roll of an uncalibrated camera
 
@@ -30,6 +31,11 @@ class Attitude:
     roll_deviation: float = COLD_DEVIATION
     jitter: float = math.radians(0.1)
     correlation: float = 0.0
+
+    @property
+    def blur(self) -> float:
+        """Noise of angles [rad] that the jitter adds where jumps are not estimated."""
+        return BLUR_SHARE * self.jitter
 
     @property
     def moments(self) -> tuple[tuple[float, float], tuple[float, float]]:

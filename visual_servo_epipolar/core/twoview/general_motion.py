@@ -35,7 +35,7 @@ from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
 from visual_servo_epipolar.core.twoview.hypotheses import INLIER_DEVIATIONS, Rays, rays_of, WORST
-from visual_servo_epipolar.core.twoview.planar import DEPTH_DEVIATIONS
+from visual_servo_epipolar.core.twoview.planar_motion import DEPTH_DEVIATIONS
 from visual_servo_epipolar.core.twoview.refinement import (
     LARGEST_STEP,
     linearised,

@@ -37,20 +37,6 @@ ALTERNATIVE_COST = 3.0 * WORST  # what three matches may add by chance
 MARGIN = 0.25  # of the mean truncated cost: modes worse by more cannot win
 
 
-def _families() -> FloatArray:
-    """Return the constants that turn (p0, p1, q0, q1) into F, dF/dpsi and dF/dphi, (4, 27)."""
-    families = np.zeros((4, 3, 3, 3))
-    p0, p1, q0, q1 = families
-    # F = [[0, -p1, 0], [q0, 0, q1], [0, p0, 0]]; d(p0, p1)/dpsi = (-p1, p0).
-    p1[0, 0, 1], q0[0, 1, 0], q1[0, 1, 2], p0[0, 2, 1] = -1.0, 1.0, 1.0, 1.0
-    p0[1, 0, 1], p1[1, 2, 1] = -1.0, -1.0
-    q1[2, 1, 0], q0[2, 1, 2] = -1.0, 1.0
-    return families.reshape(4, 27)
-
-
-FAMILIES = _families()
-
-
 class Rays(NamedTuple):
     """
     Unit rays of the matches, current and desired, by components, each of shape (..., N).

@@ -43,9 +43,9 @@ from visual_servo_epipolar.core.twoview.hypotheses import rays_of
 from visual_servo_epipolar.core.twoview.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.planar_motion import JITTER_DEVIATIONS
 from visual_servo_epipolar.core.twoview.registry import estimate
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
-from visual_servo_epipolar.core.twoview.tilted_planar import JITTER_DEVIATIONS
 from visual_servo_epipolar.core.twoview.validation import prior_of
 
 MIN_CORRELATION = 0.75

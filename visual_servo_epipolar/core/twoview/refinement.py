@@ -1,10 +1,9 @@
 """
 Gauss-Newton on the Sampson distance: from one start, or from many of which the best modes go on.
 
-A model turns parameters, shape (..., P), into E and its derivatives by them, (..., 1 + P, 9).
 The residual p_d^T E p_a of unit rays and its gradient in the planes that touch the unit sphere are
-linear in E, so that one product with a table of the matches gives them all, whatever the
-parameters mean.
+linear in E, so that one product with a table of the matches gives them all, and their derivatives
+by the parameters of E, whatever these mean.
 
 The noise of a ray is assumed equal along all directions across it, with a deviation of its own
 (see ``Camera.resolution``). The noise of a pixel is not quite that: off the axis of a pinhole its
@@ -22,7 +21,8 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.least_squares import Equations, least_squares, TUKEY
-from visual_servo_epipolar.core.geometry.rays import Axes, tangents
+from visual_servo_epipolar.core.geometry.rays import Axes, image_axes, tangents
+from visual_servo_epipolar.core.twoview.estimator import Prior
 from visual_servo_epipolar.core.twoview.hypotheses import (
     ALTERNATIVE_COST,
     best_modes,
@@ -30,6 +30,11 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
     MARGIN,
     Rays,
     SEPARATION,
+)
+from visual_servo_epipolar.core.twoview.planar_motion import (
+    GaussianPrior,
+    known_before,
+    matrices,
 )
 
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
@@ -40,42 +45,28 @@ ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
 LEVERAGE, LEAST_SPARE = 0.5, 1e-4  # of a match that nothing speaks for; what others leave it
 RIDGE = 1e-3  # information that keeps normal matrices regular: a deviation of 30 rad
 
-Model = Callable[[FloatArray], FloatArray]
-
-
-class GaussianPrior(NamedTuple):
-    """Gaussian prior of P parameters: mean, shape (P,), and information, (P, P)."""
-
-    mean: FloatArray
-    information: FloatArray
-
 
 class Problem(NamedTuple):
-    """What is minimised: ``model`` on the ``table`` of matches, and the ``prior``."""
+    """What is minimised: distances of the ``table`` of matches, and the ``prior``."""
 
-    model: Model
     table: FloatArray  # shape (9, 5 N)
     prior: GaussianPrior
     ridge: FloatArray  # shape (P, P): the information of the prior, never zero
     negligible: float  # step that ends the iterations [rad]
 
-
-def problem_of(
-    model: Model,
-    prior: GaussianPrior,
-    rays: Rays,
-    plausible: BoolArray | None = None,
-    axes: Callable[..., Axes] = tangents,
-) -> Problem:
-    """Return what is minimised; see ``table_of`` for how ``rays`` enter."""
-    ridge = prior.information + RIDGE * np.eye(len(prior.mean))
-    negligible = float(NEGLIGIBLE * rays.mean_noise)
-    return Problem(model, table_of(rays, plausible, axes), prior, ridge, negligible)
+    @classmethod
+    def of(cls, rays: Rays, prior: Prior, plausible: BoolArray | None = None) -> 'Problem':
+        """Return what is minimised to fit a planar motion to ``plausible`` matches, (N,)."""
+        before = known_before(prior)
+        ridge = before.information + RIDGE * np.eye(len(before.mean))
+        negligible = float(NEGLIGIBLE * rays.mean_noise)
+        axes = tangents if prior.lens.calibrated else image_axes
+        return cls(table_of(rays, plausible, axes), before, ridge, negligible)
 
 
 class Fit(NamedTuple):
     """
-    Refined parameters, (..., P), their information, (..., P, P), and their costs, (...).
+    Parameters, (..., P), their information, (..., P, P), and their costs, (...).
 
     ``squared`` distances, (..., N), and costs are in deviations of the noise; a cost is the sum of
     the truncated ones, and the price of leaving the prior. ``slopes``, (..., P, N), are the
@@ -134,9 +125,8 @@ def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
     rough = ROUGH if scale > 1.0 else 1
 
     def linearise(parameters: FloatArray, number: int) -> Step:
-        # wider than the noise at first
-        width = 1.0 + (scale - 1.0) * max(0.0, 1.0 - number / ANNEALING)
-        return linearised_at(problem, parameters, number, width)
+        width = 1.0 + (scale - 1.0) * max(0.0, 1.0 - number / ANNEALING)  # at first wider
+        return _step(problem, parameters, number, width)
 
     def moved(parameters: FloatArray, step: Step, change: FloatArray) -> tuple[FloatArray, bool]:
         longest = float(np.abs(change).max())
@@ -151,11 +141,11 @@ def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
         if done == ITERATIONS or not (step.width > 1.0 or longest >= problem.negligible):
             return parameters, True
         if many and len(parameters) > 1 and done >= rough:
-            parameters = parameters[_best_modes(step.fit(problem, parameters))]
+            parameters = parameters[_best_modes(step.fit._replace(parameters=parameters))]
         return parameters, False
 
     parameters, step = least_squares(start, linearise, moved, ITERATIONS)
-    return step.fit(problem, parameters)
+    return step.fit._replace(parameters=parameters)
 
 
 def _best_modes(fit: Fit) -> IntArray:
@@ -172,49 +162,37 @@ def _best_modes(fit: Fit) -> IntArray:
 
 class Step(NamedTuple):
     """
-    What a step of Gauss-Newton is made of.
+    A fit at some parameters, and the ``pull`` away from better ones, (..., P).
 
-    ``squared`` distances, (..., N), and ``slopes``, (..., P, N), are as a Fit has them;
-    ``deviation`` is that from the mean of the prior, (..., P); in round ``number``, 0, 1, ...,
-    the noise is taken for ``width`` times larger.
+    In round ``number``, 0, 1, ..., the noise is taken for ``width`` times larger.
     """
 
-    equations: Equations
-    squared: FloatArray
-    slopes: FloatArray
-    deviation: FloatArray
+    fit: Fit
+    pull: FloatArray
     number: int
     width: float
 
     def change(self) -> FloatArray:
         """Return by what parameters are too large, (..., P)."""
-        return self.equations.change()
-
-    def fit(self, problem: Problem, parameters: FloatArray) -> Fit:
-        """Return the fits of ``parameters`` after the step, with the costs before it."""
-        width = self.width
-        costs = np.minimum(self.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
-        costs += (self.deviation * _pull(problem.prior, self.deviation)).sum(axis=-1)
-        return Fit(parameters, self.equations.information, costs, self.squared, self.slopes)
+        return Equations(self.fit.information, self.pull).change()
 
 
-def linearised_at(problem: Problem, parameters: FloatArray, number: int, width: float) -> Step:
+def _step(problem: Problem, parameters: FloatArray, number: int, width: float) -> Step:
     """Return what a step from ``parameters``, (..., P), is made of; Tukey's weights."""
-    rows, squared_gradient = linearised(problem.model(parameters), problem.table)
+    rows, squared_gradient = linearised(matrices(parameters), problem.table)
     squared = rows[..., 0, :] * rows[..., 0, :] / squared_gradient
     weight = np.maximum(1.0 - squared / (TUKEY * TUKEY * width * width), 0.0)
     # Tukey's weight is the square of this
     rows *= (weight / np.sqrt(squared_gradient))[..., None, :]
-    deviation = parameters - problem.prior.mean
     information, pull = Equations.of(rows, problem.ridge)
-    equations = Equations(information, pull + _pull(problem.prior, deviation))
-    return Step(equations, squared, rows[..., 1:, :], deviation, number, width)
-
-
-def _pull(prior: GaussianPrior, deviation: FloatArray) -> FloatArray:
-    """Return the information of the prior times the ``deviation`` from its mean, (..., P)."""
+    mean, known = problem.prior
+    deviation = parameters - mean
     # Never a product of matrices: its bits would depend on how many geometries are side by side.
-    return np.asarray((prior.information * deviation[..., None, :]).sum(axis=-1))
+    pull_of_prior = (known * deviation[..., None, :]).sum(axis=-1)
+    costs = np.minimum(squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
+    costs += (deviation * pull_of_prior).sum(axis=-1)
+    fit = Fit(parameters, information, costs, squared, rows[..., 1:, :])
+    return Step(fit, pull + pull_of_prior, number, width)
 
 
 def table_of(

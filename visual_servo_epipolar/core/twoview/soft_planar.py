@@ -12,20 +12,22 @@ a pair leaves open, as a pure translation does, the prior of the attitude closes
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.cheirality import oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, decomposed, MOTION_PARAMETERS
+from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
-from visual_servo_epipolar.core.geometry.rays import image_axes, rotation_level_camera
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
-from visual_servo_epipolar.core.twoview import tilted_planar, wrong_lens
 from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION, Estimate, Prior
 from visual_servo_epipolar.core.twoview.hypotheses import (
     ALTERNATIVE_COST,
@@ -39,32 +41,28 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
     two_point_hypotheses,
     WORST,
 )
-from visual_servo_epipolar.core.twoview.planar import (
-    concluded,
-    from_last_bearings,
-    JITTER_SHARE,
-    PlanarModel,
-    undetermined,
-    widening,
-    with_bearings,
-)
-from visual_servo_epipolar.core.twoview.refinement import (
-    Fit,
-    refined,
-)
-from visual_servo_epipolar.core.twoview.tilted_planar import (
+from visual_servo_epipolar.core.twoview.planar_motion import (
+    BOTH,
     exchanged_on_plane,
     in_front_of,
     levelled,
+    matrices,
     PHI,
     plausible_matches,
     PSI,
+    RATIO,
+    REACH,
     ROLL,
+    SLOPE,
     TILT,
     TILT_JUMP,
+    with_lens,
 )
-from visual_servo_epipolar.core.twoview.wrong_lens import starts_by_focal_lengths
+from visual_servo_epipolar.core.twoview.refinement import Fit, Problem, refined
 
+GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
+UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
+REFITS = 3  # without matches that lie behind a camera
 POOR = 0.4  # part of the worst possible cost above which few matches agree
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts
 GENERAL = math.radians(2.5)  # above it tilts to try would be too many
@@ -73,23 +71,12 @@ PAIRS = 60  # for each attitude that is tried
 LEVEL_MODES = 6
 NO_JUMP = np.zeros(1)
 JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in jitters
+STEP = 0.25  # between the focal lengths that are tried: of their logarithm
 PLANARITY = 0.004  # how far a good one leaves n . t and R n - n from zero
 ROUGHNESS = 6.0  # of hypotheses by USAC, or of a focal length beside the true one, in noises
 
-Refine = Callable[[PlanarModel, Rays, Prior], Fit]
-
-
-CALIBRATED = PlanarModel(
-    tilted_planar.matrices,
-    tilted_planar.attitude_prior,
-    tilted_planar.conclude,
-)
-UNCALIBRATED = PlanarModel(
-    wrong_lens.matrices,
-    wrong_lens.lens_prior,
-    wrong_lens.conclude,
-    image_axes,
-)
+Hypotheses: TypeAlias = Callable[[Rays], FloatArray]
+Refine: TypeAlias = Callable[[Rays, Prior], Fit]
 
 
 def soft_planar(
@@ -118,15 +105,113 @@ def soft_planar(
 
     """
     del rng
-    model = CALIBRATED if prior.lens.calibrated else UNCALIBRATED
     rays = rays_of(current, desired, noise)
     matches = plausible_matches(rays, prior)
-    estimate = from_last_bearings(model, rays, matches, prior)
-    return estimate or search(model, rays, matches, prior)
+    return _from_last_bearings(rays, matches, prior) or _searched(rays, matches, prior)
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
+def _from_last_bearings(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate | None:
+    """Return the estimate by the last bearings where they explain the plausible ``matches``."""
+    count = int(matches.sum())
+    if prior.bearings is None or count < MOTION_PARAMETERS:
+        return None
+    problem = Problem.of(rays, prior, matches)
+    fit = refined(_at_last_bearings(problem, prior), problem, _widening(rays, prior))
+    change = np.abs(fit.parameters[: PHI + 1] - prior.angles).max()
+    if not (fit.costs <= GOOD_COST * count and change < prior.deviation):
+        return None
+    return _concluded(rays, matches, fit, prior)
+
+
+def _at_last_bearings(problem: Problem, prior: Prior) -> FloatArray:
+    """Return parameters, shape (P,), as they are known before but at the last psi and phi."""
+    start = problem.prior.mean.copy()
+    start[: PHI + 1] = prior.angles
+    return start
+
+
+def _widening(rays: Rays, prior: Prior) -> float:
+    """Return how much larger than the noise residuals are before jumps are estimated."""
+    return float(np.maximum(1.0, prior.attitude.blur / rays.mean_noise))
+
+
+def _concluded(rays: Rays, matches: BoolArray, fit: Fit, prior: Prior) -> Estimate:
+    """
+    Return the estimate by a ``fit`` to ``matches``, (N,), refined without those behind a camera.
+
+    They agree by chance; an epipole that lies on one of them is fixed by nothing else.
+    """
+    for left in range(REFITS, -1, -1):
+        agree = matches & (fit.squared <= WORST)
+        estimate = _estimate(rays, agree, fit, prior)
+        behind = agree & ~estimate.inliers
+        if not left or not behind.any():
+            break
+        matches = matches & ~behind
+        fit = refined(fit.parameters, Problem.of(rays, prior, matches))
+    return estimate
+
+
+def _estimate(rays: Rays, agree: BoolArray, fit: Fit, prior: Prior) -> Estimate:
+    """Return the estimate by a ``fit`` and the matches that ``agree``, (N,), with its lens."""
+    covariance, lens, of_lens = fit.covariance(), CALIBRATED, None
+    variances = covariance.diagonal()
+    if not (variances.min() > 0.0 and variances[: PHI + 1].max() < UNDETERMINED**2):
+        raise undetermined()
+    parameters = _drawn(fit.parameters, covariance, prior)
+    bearings, attitudes = covariance[: PHI + 1, : PHI + 1], covariance[BOTH, BOTH]
+    if not prior.lens.calibrated:
+        log_ratio, rest, slope = parameters[RATIO:].tolist()
+        to_lens = np.array([[1.0, 0.0], [slope, 1.0]])  # the shift is the rest and k log r
+        covariance_of_lens = to_lens @ covariance[RATIO:SLOPE, RATIO:SLOPE] @ to_lens.T
+        lens = Lens.of(log_ratio, rest + slope * log_ratio, covariance_of_lens)
+        rays = with_lens(rays, lens)
+        # What not knowing the lens adds to the covariance of bearings is told apart.
+        bearings = np.asarray(np.linalg.inv(fit.information[:RATIO, :RATIO]))[: PHI + 1, : PHI + 1]
+        of_lens = covariance[: PHI + 1, : PHI + 1] - bearings
+    vote, inliers = in_front_of(rays, agree, parameters[:RATIO])
+    balance = float(vote)
+    psi, phi, tilt, tilt_jump, roll, roll_jump = parameters[:RATIO].tolist()
+    sign = -1.0 if balance < 0.0 else 1.0
+    return Estimate(
+        oriented(psi, phi, balance),
+        sign * matrices(parameters)[0].reshape(3, 3),
+        inliers,
+        min(abs(balance), 1.0),
+        bearings,
+        attitude=Attitude(tilt, roll, jitter=prior.attitude.jitter).known_to(attitudes),
+        jump=math.hypot(tilt_jump, roll_jump),
+        lens=lens,
+        lens_covariance=of_lens,
+    )
+
+
+def _drawn(parameters: FloatArray, covariance: FloatArray, prior: Prior) -> FloatArray:
+    """
+    Return ``parameters`` drawn to the last bearings by as much as the matches leave open.
+
+    Where they fix the bearings this changes nothing, where a plane nearly hides them it helps.
+    """
+    if prior.bearings is None:
+        return parameters
+    change = np.remainder(prior.angles - parameters[: PHI + 1] + HALF_PI, np.pi) - HALF_PI
+    # (covariance + deviation^2 I)^-1 change, by the adjugate
+    own = covariance.diagonal()[: PHI + 1] + prior.deviation * prior.deviation
+    both = covariance[0, 1]
+    pull = own[::-1] * change - both * change[::-1]
+    pull /= own[0] * own[1] - both * both
+    return np.asarray(parameters + (covariance[:, : PHI + 1] @ pull[:, None])[:, 0])
+
+
+def undetermined() -> DegenerateGeometryError:
+    """Return what is raised where the matches leave a bearing open altogether."""
+    return DegenerateGeometryError(
+        'the matches leave the bearings open: there is no baseline, or all of them lie on the '
+        "horizon or on one line; track features above and below the camera's height"
+    )
+
+
+class _Found(NamedTuple):
     """The best fit to all N matches, those it was made of, its ``cost``, what else fits."""
 
     fit: Fit
@@ -136,36 +221,28 @@ class _Found:
     alternative: Bearings | None
 
 
-def search(model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
-    """
-    Return the best estimate of one pair of views, of which the plausible ``matches`` are (N,).
-
-    Raises
-    ------
-    DegenerateGeometryError
-        With too few matches, or where they leave the geometry open.
-
-    """
-    found = _best_found(model, rays, matches, prior)
-    estimate = concluded(model, rays, found.matches, found.fit, found.prior)
+def _searched(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
+    """Return the best estimate of one pair of views by the plausible ``matches``, (N,)."""
+    found = _best_found(rays, matches, prior)
+    estimate = _concluded(rays, found.matches, found.fit, found.prior)
     return replace(estimate, alternative=found.alternative)
 
 
-def _best_found(model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior) -> _Found:
+def _best_found(rays: Rays, matches: BoolArray, prior: Prior) -> _Found:
     mount = prior.mount or prior.attitude
     anyhow = replace(prior, attitude=mount, bearings=None)
     everyone = np.ones_like(matches)
     try:
-        found = _found(model, rays, matches, _likely(prior), _by_pairs)
+        found = _found(rays, matches, _likely(prior), _by_pairs)
     except DegenerateGeometryError:
         if not is_general(mount):
             raise
-        return _found(model, rays, everyone, anyhow, _by_essentials)
+        return _found(rays, everyone, anyhow, _by_essentials)
     is_poor = found.cost > POOR * WORST * rays.matches
     if not (is_general(mount) and (is_cold(prior.attitude) or is_poor)):
         return found
     try:
-        other = _found(model, rays, everyone, anyhow, _by_essentials)
+        other = _found(rays, everyone, anyhow, _by_essentials)
     except DegenerateGeometryError:
         return found
     return other if other.cost < found.cost - ALTERNATIVE_COST else found
@@ -184,25 +261,25 @@ def _likely(prior: Prior) -> Prior:
     return replace(prior, attitude=nearer)
 
 
-def _found(
-    model: PlanarModel, rays: Rays, matches: BoolArray, prior: Prior, refine: Refine
-) -> _Found:
+def _found(rays: Rays, matches: BoolArray, prior: Prior, refine: Refine) -> _Found:
+    """Return what ``refine`` makes of those ``matches``, (N,), that are plausible."""
     matches = matches & plausible_matches(rays, prior)
     remaining = remaining_rays(rays, matches, MOTION_PARAMETERS)
-    fits = refine(model, remaining, prior)
+    fits = refine(remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
+    best = fits.take(mode)
     if alternative is None and not prior.decided and prior.lens.calibrated:
-        alternative = _twin(model, remaining, fits.take(mode), prior)
-    cost = float(fits.costs[mode]) + WORST * (rays.matches - remaining.matches)
-    return _Found(fits.take(mode).of_all(matches), matches, prior, cost, alternative)
+        alternative = _twin(remaining, best, prior)
+    cost = float(best.costs) + WORST * (rays.matches - remaining.matches)
+    return _Found(best.of_all(matches), matches, prior, cost, alternative)
 
 
-def _twin(model: PlanarModel, rays: Rays, fit: Fit, prior: Prior) -> Bearings | None:
+def _twin(rays: Rays, fit: Fit, prior: Prior) -> Bearings | None:
     """Return the other geometry that a plane fits, where hypotheses have missed it; or None."""
-    start = exchanged_on_plane(rays, fit)
+    start = exchanged_on_plane(rays.take(fit.squared <= WORST), fit.parameters)
     if start is None:
         return None
-    twin = refined(start, model.problem(rays, prior), widening(rays, prior))
+    twin = refined(start, Problem.of(rays, prior), _widening(rays, prior))
     # Of one plane both have the same residuals, across two directions: sums of N squares.
     by_chance = 3.0 * math.sqrt(4.0 * rays.matches)
     if not twin.costs < fit.costs + max(ALTERNATIVE_COST, by_chance):
@@ -212,39 +289,36 @@ def _twin(model: PlanarModel, rays: Rays, fit: Fit, prior: Prior) -> Bearings | 
     return Bearings(psi, phi) if apart > math.sin(SEPARATION) else None
 
 
-def _by_pairs(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
+def _by_pairs(rays: Rays, prior: Prior) -> Fit:
     """Return the refined best modes of two-point hypotheses, and of the last bearings."""
     cold = is_cold(prior.attitude)
     with_jumps = partial(start_parameters, attitude=prior.attitude, jumps=JUMPS)
     first = partial(with_jumps, jumps=NO_JUMP) if cold else with_jumps
-    fits = _refined_hypotheses(model, rays, prior, first)
+    fits = _refined_hypotheses(rays, prior, first)
     # A jump of the tilt may be more than hypotheses bear.
     is_poor = fits.costs.min() > POOR * WORST * rays.matches
-    return _refined_hypotheses(model, rays, prior, with_jumps) if cold and is_poor else fits
+    return _refined_hypotheses(rays, prior, with_jumps) if cold and is_poor else fits
 
 
-def _by_essentials(model: PlanarModel, rays: Rays, prior: Prior) -> Fit:
+def _by_essentials(rays: Rays, prior: Prior) -> Fit:
     """Return the refined best modes of hypotheses by USAC."""
     hypotheses = partial(general_start_parameters, attitude=prior.attitude)
-    return _refined_hypotheses(model, rays, prior, hypotheses, roughness=ROUGHNESS)
+    return _refined_hypotheses(rays, prior, hypotheses, roughness=ROUGHNESS)
 
 
 def _refined_hypotheses(
-    model: PlanarModel,
-    rays: Rays,
-    prior: Prior,
-    hypotheses: Callable[[Rays], FloatArray],
-    roughness: float = 0.0,
+    rays: Rays, prior: Prior, hypotheses: Hypotheses, roughness: float = 0.0
 ) -> Fit:
-    problem = model.problem(rays, prior)
+    """Return the refined best modes of ``hypotheses``, by the lens or by several focal lengths."""
+    problem = Problem.of(rays, prior)
     calibrated = prior.lens.calibrated
-    starts = hypotheses(rays) if calibrated else starts_by_focal_lengths(rays, prior, hypotheses)
+    starts = hypotheses(rays) if calibrated else _by_focal_lengths(rays, prior, hypotheses)
     if prior.bearings is not None:
-        starts = np.vstack([starts, with_bearings(problem.prior.mean, prior)])
+        starts = np.vstack([starts, _at_last_bearings(problem, prior)])
     if not len(starts):
         raise undetermined()
     least = roughness if calibrated else ROUGHNESS
-    fits = refined(starts, problem, max(least, widening(rays, prior)))
+    fits = refined(starts, problem, max(least, _widening(rays, prior)))
     if not calibrated:
         return fits
     # A match that agrees from behind a camera costs as much as one that does not.
@@ -252,6 +326,16 @@ def _refined_hypotheses(
     _, in_front = in_front_of(rays, agree, fits.parameters)
     dear = np.where(agree & ~in_front, WORST - fits.squared, 0.0).sum(axis=-1)
     return fits._replace(costs=fits.costs + dear)
+
+
+def _by_focal_lengths(rays: Rays, prior: Prior, hypotheses: Hypotheses) -> FloatArray:
+    """Return all that ``hypotheses`` find by several focal lengths as parameters, (K, 9)."""
+    steps = math.ceil(REACH * prior.lens.ratio_deviation / STEP)
+    slope, starts = prior.lens.shift_slope, []
+    for log_ratio in (STEP * np.arange(-steps, steps + 1)).tolist():
+        planar = hypotheses(with_lens(rays, Lens(log_ratio, slope * log_ratio)))
+        starts.append(np.hstack([planar, np.tile([log_ratio, 0.0, slope], (len(planar), 1))]))
+    return np.vstack(starts)
 
 
 def is_cold(attitude: Attitude) -> bool:
@@ -274,7 +358,7 @@ def start_parameters(rays: Rays, attitude: Attitude, jumps: FloatArray) -> Float
     grid = np.stack(np.meshgrid(tilts, attitude.jitter * jumps), axis=-1).reshape(-1, 2)
     upright = levelled(rays, grid[:, 0], attitude.roll, tilt_jump=grid[:, 1])
     hypotheses = two_point_hypotheses(upright, PAIRS)
-    costs = scores(hypotheses, upright.blurred(JITTER_SHARE * attitude.jitter)).ravel()
+    costs = scores(hypotheses, upright.blurred(attitude.blur)).ravel()
     each = hypotheses.shape[-1]
     hypotheses = hypotheses.swapaxes(0, 1).reshape(2, -1)
     best = best_modes(hypotheses, costs, LEVEL_MODES, separation=0.5 * SEPARATION)
@@ -314,7 +398,7 @@ def _parameters(
     baseline: FloatArray, rotation: FloatArray, tilt: FloatArray, roll: FloatArray
 ) -> FloatArray:
     """Return psi, phi, tilt, roll without jumps, shape (K, 6), from t and R in tilted axes."""
-    level = np.array([rotation_level_camera(*each) for each in zip(tilt, roll, strict=True)])
+    level = rotation_level_camera(tilt, roll)
     upright = (level @ baseline[..., None])[..., 0]
     turn = level @ rotation @ level.swapaxes(-1, -2)
     start = np.zeros((len(tilt), 6))
