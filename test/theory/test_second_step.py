@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.laws.steering import (
     PolarPose,
     visible_aim,
 )
-from visual_servo_epipolar.core.twoview.measures import feature_difference
+from visual_servo_epipolar.core.twoview.measurement import feature_difference
 
 FEATURES = st.lists(
     st.tuples(floats(-2.0, 2.0), floats(-1.5, 1.5), floats(3.0, 8.0)), min_size=1, max_size=8

@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.geometry.rays import (
     unit_rays,
 )
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
-from visual_servo_epipolar.core.twoview.measures import turned
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 RAYS = unit_rays(np.random.default_rng(0).random((2, 20, 2)) - 0.5)
@@ -131,7 +130,7 @@ def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(ratio, shift)
     rng = np.random.default_rng(2)
     desired = rng.uniform(-1.0, 1.0, (200, 2)) * [0.8, 0.6]
     for turn in TURNS.tolist():
-        current = image_points(turned(unit_rays(desired), rotation_desired_current(turn).T))
+        current = image_points(unit_rays(desired) @ rotation_desired_current(turn))
         wrong = [unit_rays((points - [shift, 0.0]) / ratio)[None] for points in (current, desired)]
         root = np.diag([abs(math.log(ratio)), shift])
         feigned = spurious_parallax(wrong[1], np.array([turn]), root[None])[0]

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.mapping.localization import (
     MapLocalization,
 )
 from visual_servo_epipolar.core.mapping.window import MapSettings
-from visual_servo_epipolar.core.twoview.measures import feature_difference
+from visual_servo_epipolar.core.twoview.measurement import feature_difference
 
 PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, -0.2), st.floats(-1.0, 1.0))
 COVARIANCE = np.diag([1e-6, 4e-6, 4e-6, 1e-8, 1e-8])

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.tracking.warps import Warps
-from visual_servo_epipolar.core.twoview.measures import view_margins
+from visual_servo_epipolar.core.twoview.measurement import view_margins
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 

@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import AT_REST, HeadLimits, Joints
 from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION, MOST_CORRELATED
-from visual_servo_epipolar.core.twoview.leaning_head import levelled, with_jitter
 from visual_servo_epipolar.core.twoview.memory import KNOWN_DEVIATION, learnt_attitude
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.simulation.rigs import CameraMount
@@ -175,32 +174,32 @@ def seen(pan: float, photograph: float = 0.0) -> Observation:
 
 @pytest.mark.parametrize('pan', PANS)
 def test_rays_of_a_known_lean_are_those_of_the_virtual_camera(pan: float) -> None:
-    view = levelled(seen(pan, photograph=0.3), KNOWN, COLD)
+    view = seen(pan, photograph=0.3).levelled(KNOWN, COLD)
     virtual = through(0.0)
     for rays in (view.current, view.desired):
         np.testing.assert_allclose(rays, virtual, atol=2e-5)
     assert np.abs(seen(pan).current - virtual).max() > 0.01
 
 
-def test_a_lean_that_nobody_knows_changes_no_ray() -> None:
+def test_a_lean_that_is_not_known_yet_changes_no_ray() -> None:
     view = seen(0.9)
-    np.testing.assert_allclose(levelled(view, COLD, COLD).current, view.current, atol=1e-12)
+    np.testing.assert_allclose(view.levelled(COLD, COLD).current, view.current, atol=1e-12)
 
 
 @pytest.mark.parametrize('pan', PANS)
 def test_jitter_grows_with_the_doubt_and_the_turn_of_the_head(pan: float) -> None:
-    known = with_jitter(KNOWN, seen(pan)).jitter
+    known = seen(pan).jitter(KNOWN)
     assert known == pytest.approx(JITTER, rel=0.02)
-    doubtful = with_jitter(replace(KNOWN, tilt_deviation=0.5), seen(pan)).jitter
+    doubtful = seen(pan).jitter(replace(KNOWN, tilt_deviation=0.5))
     turned = 2.0 * abs(math.sin(0.5 * pan)) * COLD_DEVIATION
     assert doubtful == pytest.approx(math.hypot(JITTER, turned), rel=0.02)
 
 
 def test_where_the_photograph_was_taken_and_without_a_head_the_floor_alone_counts() -> None:
-    assert with_jitter(COLD, seen(0.3, photograph=0.3)).jitter == pytest.approx(JITTER)
+    assert seen(0.3, photograph=0.3).jitter(COLD) == pytest.approx(JITTER)
     fixed = Observation(0, WORLD, WORLD, 769.0)
-    assert with_jitter(COLD, fixed) is COLD
-    assert levelled(fixed, KNOWN, COLD) is fixed
+    assert fixed.jitter(COLD) == COLD.jitter
+    assert fixed.levelled(KNOWN, COLD) is fixed
 
 
 def test_at_rest_all_axes_are_those_of_the_camera() -> None:

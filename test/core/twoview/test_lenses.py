@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.twoview.measures import (
+from visual_servo_epipolar.core.twoview.measurement import (
     difference_deviation,
     feature_difference,
     usual_difference,

@@ -24,11 +24,10 @@ from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview import perceive as perceiving
-from visual_servo_epipolar.core.twoview.measurement import Measurement
-from visual_servo_epipolar.core.twoview.measures import (
+from visual_servo_epipolar.core.twoview.measurement import (
     difference_deviation,
     feature_difference,
-    turned,
+    Measurement,
     view_margins,
 )
 from visual_servo_epipolar.core.twoview.memory import fresh_memory, PerceptionMemory
@@ -73,9 +72,7 @@ def test_a_pure_rotation_has_a_heading_but_no_bearings(alpha: float) -> None:
 @given(floats(-0.5, 0.5))
 def test_turning_the_rays_undoes_a_rotation(alpha: float) -> None:
     current, desired = matches(Pose(0.0, 0.0, HALF_PI + alpha))
-    np.testing.assert_allclose(
-        turned(current, rotation_desired_current(alpha)), desired, atol=1e-12
-    )
+    np.testing.assert_allclose(current @ rotation_desired_current(alpha).T, desired, atol=1e-12)
 
 
 def test_d_of_a_pure_rotation_is_zero_only_if_compensated() -> None:
@@ -298,7 +295,7 @@ def test_a_camera_that_sees_all_round_may_turn_without_end() -> None:
 @pytest.mark.parametrize('turn', [0.0, 1.0, 2.0, math.pi])
 def test_a_cluster_is_as_small_wherever_it_is(turn: float) -> None:
     cluster = unit_rays(0.01 * (np.random.default_rng(3).random((30, 2)) - 0.5))
-    extent = angular_extent(turned(cluster, rotation_desired_current(turn)), np.ones(30, bool))
+    extent = angular_extent(cluster @ rotation_desired_current(turn).T, np.ones(30, bool))
     assert extent == pytest.approx(float(angular_extent(cluster, np.ones(30, bool))), rel=1e-6)
     assert 0.002 < extent < 0.004
 

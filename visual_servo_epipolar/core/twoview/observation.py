@@ -11,9 +11,10 @@ from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.rotation import rotated
-from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Rig
+from visual_servo_epipolar.core.rigs.rig import HeadView, Joints, Lean, Rig
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.sampling import overlap
+from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,6 +110,40 @@ class Observation(MatchedRays):
             rows=None,  # a head keeps the camera from turning
         )
 
+    def levelled(self, attitude: Attitude, configured: Attitude) -> 'Observation':
+        """
+        Return the observation of a head with rays turned by the learnt ``attitude``.
+
+        A head turns rays about the vertical, which lies in axes of its camera as it is configured
+        to. If the camera leans otherwise, views at other pan angles look tilted and rolled against
+        the photograph. Rays follow the lean as far as it is certain, see ``jitter``.
+        """
+        if self.head is None:
+            return self
+        joints, _, rig = self.head
+        tilt, roll = _believed(attitude.tilt_deviation), _believed(attitude.roll_deviation)
+        lean = Lean(
+            configured.tilt + tilt * (attitude.tilt - configured.tilt),
+            configured.roll + roll * (attitude.roll - configured.roll),
+        )
+        axes = np.eye(3)
+        here, photograph = (
+            rig.rays(axes, at).T @ rig.rays(axes, at, lean) for at in (joints, rig.photograph)
+        )
+        return replace(self, current=self.current @ here, desired=self.desired @ photograph)
+
+    def jitter(self, attitude: Attitude) -> float:
+        """Return the jitter of ``attitude`` with what its doubt adds to a view of a head [rad]."""
+        if self.head is None:
+            return attitude.jitter
+        joints, photograph = self.head.joints, self.head.rig.photograph
+        swing = 2.0 * math.sin(0.5 * (joints.pan - photograph.pan))
+        doubts = (
+            swing * deviation * math.sqrt(_believed(deviation))
+            for deviation in (attitude.tilt_deviation, attitude.roll_deviation)
+        )
+        return math.hypot(attitude.jitter, *doubts)
+
     def corrected(self, lens: Lens) -> 'Observation':
         """Return the observation without what is wrong with the camera matrix."""
         if lens.corrects_nothing:
@@ -125,6 +160,11 @@ class Observation(MatchedRays):
             edges=(left, right),
             pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
         )
+
+
+def _believed(deviation: float) -> float:
+    """Return the share of a learnt lean that is believed, by its ``deviation`` [rad]."""
+    return COLD_DEVIATION**2 / (COLD_DEVIATION**2 + deviation**2)
 
 
 def _corrected_edge(edge: float, ratio: float, shift: float) -> float:

@@ -1,15 +1,17 @@
 """Perception of one view: observe, estimate, validate, measure."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.reasons import Reason
-from visual_servo_epipolar.core.twoview import measures
-from visual_servo_epipolar.core.twoview.leaning_head import levelled
-from visual_servo_epipolar.core.twoview.measurement import Measurement
+from visual_servo_epipolar.core.twoview.measurement import (
+    differences,
+    measured,
+    Measurement,
+    usual_matches,
+)
 from visual_servo_epipolar.core.twoview.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.rolling_shutter import base_axes
@@ -54,7 +56,7 @@ def perceive(
         shutter = memory.shutter.updated(observation, axes, settings.readout)
         memory = replace(memory, shutter=shutter)
         observation = observation.at_one_instant(shutter.turn(settings.readout))
-    observation = levelled(observation.corrected(memory.lens), memory.attitude, settings.mount)
+    observation = observation.corrected(memory.lens).levelled(memory.attitude, settings.mount)
     count = len(observation)
     if count < settings.min_features:  # too few tell two views nothing
         reason = Reason.FEW_FEATURES.of(count, settings.min_features)
@@ -68,7 +70,7 @@ def perceive(
     if not better.corrects_nothing:
         observation = observation.corrected(better)
         rotation = fit_rotation(observation.current, observation.desired)
-    measurement = measures.measured(observation, rotation, estimate, settings)
+    measurement = measured(observation, rotation, estimate, settings)
     geometry, fundamental = estimate.estimate, None
     if geometry is not None:
         fundamental = for_wrong_rays(geometry.fundamental, memory.lens)
@@ -86,7 +88,7 @@ def of_few(blank: Perception, settings: PerceptionSettings) -> Measurement:
         return blank.measurement
     nothing = ValidatedEstimate(memory, blank.measurement.reason)
     rotation = fit_rotation(observation.current, observation.desired)
-    return measures.measured(observation, rotation, nothing, settings)
+    return measured(observation, rotation, nothing, settings)
 
 
 def with_difference(perception: Perception, settings: PerceptionSettings) -> Measurement:
@@ -101,8 +103,7 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
         return measurement
     rotation = fit_rotation(observation.current, observation.desired)
     skipped = ValidatedEstimate(perception.memory, Reason.SKIPPED.of())
-    counted = measures.usual_matches(observation, skipped)
-    known: dict[str, Any] = measures.differences(
-        observation, rotation, measurement.heading_error, counted, perception.memory, settings
-    )
-    return replace(measurement, **known)
+    counted = usual_matches(observation, skipped)
+    heading = measurement.heading_error
+    both = differences(observation, rotation, heading, counted, perception.memory, settings)
+    return replace(measurement, difference=both[0], difference_deviation=both[1])

@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.twoview.estimator import Estimate, Prior
 from visual_servo_epipolar.core.twoview.general_motion import noise_of_small_baseline
-from visual_servo_epipolar.core.twoview.leaning_head import with_jitter
 from visual_servo_epipolar.core.twoview.memory import (
     MAX_REJECTIONS,
     PerceptionMemory,
@@ -279,7 +278,7 @@ def prior_of(
     memory: PerceptionMemory, settings: PerceptionSettings, observation: Observation
 ) -> Prior:
     """Return what an estimator may know beforehand of an ``observation``."""
-    attitude = with_jitter(memory.attitude, observation)
+    attitude = replace(memory.attitude, jitter=observation.jitter(memory.attitude))
     mount = memory.mount_by(settings)
     return Prior(attitude, memory.bearings, settings.max_leap, memory.lens, mount, memory.decided)
 
