@@ -1,10 +1,10 @@
 """Bags for tests: a real run of the real nodes, every message as rclpy serialized it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
@@ -18,6 +18,12 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 import small_cameras
 from std_msgs.msg import String
 
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import read_run, Recording
+from visual_servo_epipolar.bags.reading.topics import assign_roles
+from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
+from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
+from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lockstep import Lockstep
 from visual_servo_epipolar.nodes.observer import ObserverNode
@@ -128,3 +134,37 @@ def write_bag(
     finally:
         writer.close()
     return path
+
+
+class Replay(NamedTuple):
+    """A replayed bag: what was recorded, what came of it, and how they compare."""
+
+    run: Recording
+    steps: list[ReplayedStep]
+    comparison: Comparison
+
+
+def replayed(
+    path: Path,
+    topics: Mapping[str, str] = MappingProxyType({}),
+    *,
+    tolerance: float = 0.0,
+    known: Callable[[Recording], Recording] = lambda run: run,
+    **overrides: Any,
+) -> Replay:
+    """Replay the bag at ``path``, of which so much is ``known``, and compare."""
+    with Bag(path) as bag:
+        run = known(read_run(bag, assign_roles(bag, topics)))
+        steps = replay(bag, run, plan(bag, run, ReplayOverrides(**overrides))[0])
+    return Replay(run, steps, compare(run, steps, tolerance))
+
+
+def twists(steps: Sequence[ReplayedStep]) -> list[tuple[float, float]]:
+    """Return the commands of a replay."""
+    return [(step.telemetry['linear_m_s'], step.telemetry['angular_rad_s']) for step in steps]
+
+
+def published(messages: Sequence[Message]) -> list[tuple[float, float]]:
+    """Return the commands of a run."""
+    sent = [decoded(item) for item in messages if item[0] == '/cmd_vel']
+    return [(item.linear.x, item.angular.z) for item in sent]

@@ -4,7 +4,17 @@ from collections.abc import Callable
 from pathlib import Path
 import sqlite3
 
-from bagmaker import decoded, kind_of, Message, TOPICS, TYPES, write_bag
+from bagmaker import (
+    decoded,
+    kind_of,
+    Message,
+    published,
+    replayed,
+    TOPICS,
+    twists,
+    TYPES,
+    write_bag,
+)
 import cv2
 import numpy as np
 import pytest
@@ -13,34 +23,14 @@ from sensor_msgs.msg import CompressedImage
 import yaml
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assign_roles
-from visual_servo_epipolar.bags.replaying.comparison import compare
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
-from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
+from visual_servo_epipolar.bags.replaying.plan import Moment
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.messages import read, write
 
 DRIVER = ('/image_raw', '/camera_info')
-
-
-def commands(
-    path: Path, topics: dict[str, str] | None = None, **overrides: object
-) -> list[ReplayedStep]:
-    with Bag(path) as bag:
-        run = read_run(bag, assign_roles(bag, topics or {}))
-        replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
-        return replay(bag, run, replay_plan)
-
-
-def recorded(messages: list[Message]) -> list[tuple[float, float]]:
-    twists = [decoded(item) for item in messages if item[0] == '/cmd_vel']
-    return [(item.linear.x, item.angular.z) for item in twists]
-
-
-def twists(steps: list[ReplayedStep]) -> list[tuple[float, float]]:
-    return [(step.telemetry['linear_m_s'], step.telemetry['angular_rad_s']) for step in steps]
 
 
 @pytest.fixture(scope='module')
@@ -79,8 +69,8 @@ FRONT = {'/front/camera_info': 'sensor_msgs/msg/CameraInfo'}
 
 def test_driver_and_photograph_give_the_commands(driver, small_run, photograph, tmp_path) -> None:
     path = write_bag(tmp_path / 'driver', driver)
-    steps = commands(path, desired=photograph)
-    assert twists(steps) == recorded(small_run)[: len(steps)]
+    steps = replayed(path, desired=photograph).steps
+    assert twists(steps) == published(small_run)[: len(steps)]
     assert len(steps) == 20
 
 
@@ -88,8 +78,8 @@ def test_compressed_images_give_them_as_well(driver, small_run, photograph, tmp_
     kinds = {**FRONT, '/front/picture': 'sensor_msgs/msg/CompressedImage'}
     path = write_bag(tmp_path / 'png', renamed(driver, as_png), kinds=kinds)
     for topics in ({}, {'image': '/front/picture', 'camera_info': 'front/camera_info'}):
-        steps = commands(path, topics, desired=photograph)
-        assert twists(steps) == recorded(small_run)[: len(steps)]
+        steps = replayed(path, topics, desired=photograph).steps
+        assert twists(steps) == published(small_run)[: len(steps)]
 
 
 def as_jpeg(gray: np.ndarray, stamp_ns: int = 0, *, quality: int = 80) -> CompressedImage:
@@ -121,9 +111,9 @@ def test_compressed_images_are_replayed_by_name(driver, small_run, photograph, t
         'sensor_msgs/msg/CompressedImage',
     )
     path = write_bag(tmp_path / 'jpeg', compressed(driver, photograph), kinds=kinds)
-    steps = commands(path)
+    steps = replayed(path).steps
     assert len(steps) == 20
-    np.testing.assert_allclose(twists(steps), recorded(small_run)[:20], atol=0.02)
+    np.testing.assert_allclose(twists(steps), published(small_run)[:20], atol=0.02)
     assert all(step.telemetry['features'] >= 59 for step in steps)  # JPEG may cost one
 
 
@@ -195,39 +185,30 @@ def write_humble(path: Path, messages: list[Message]) -> Path:
 
 
 def test_a_bag_of_humble_gives_the_same_commands(small_run, tmp_path) -> None:
-    steps = commands(write_humble(tmp_path / 'humble', small_run))
-    assert twists(steps) == recorded(small_run)[: len(steps)]
+    steps = replayed(write_humble(tmp_path / 'humble', small_run)).steps
+    assert twists(steps) == published(small_run)[: len(steps)]
 
 
 def test_stamped_commands_of_others_are_compared(driver, small_run, photograph, tmp_path) -> None:
     stamps = [read.stamp_ns(decoded(item).header) for item in driver if item[0] == '/image_raw']
-    sent = zip(stamps, recorded(small_run), strict=False)
+    sent = zip(stamps, published(small_run), strict=False)
     more = [
         (
             '/base/command',
             10_000 + number,
             serialize_message(
-                write.twist_stamped(write_twist(linear + (number == 7), angular), stamp_ns, 'base')
+                write.twist_stamped(Twist(linear + (number == 7), angular), stamp_ns, 'base')
             ),
         )
         for number, (stamp_ns, (linear, angular)) in enumerate(sent)
     ]
     kinds = {'/base/command': 'geometry_msgs/msg/TwistStamped'}
     path = write_bag(tmp_path / 'base', [*driver, *more], kinds=kinds)
-    with Bag(path) as bag:
-        run = read_run(bag, assign_roles(bag, {'cmd_vel': '/base/command'}))
-        steps = replay(bag, run, plan(bag, run, ReplayOverrides(desired=photograph))[0])
-    comparison = compare(run, steps, 0.0)
+    _, steps, comparison = replayed(path, {'cmd_vel': '/base/command'}, desired=photograph)
     assert comparison.compared == len(steps)
     assert comparison.differences['linear_m_s'].differing == 1
     assert comparison.divergence is not None
     assert comparison.divergence.stamp_ns == stamps[7]
-
-
-def write_twist(linear: float, angular: float):
-    from visual_servo_epipolar.core.geometry.motion import Twist
-
-    return Twist(linear, angular)
 
 
 @pytest.mark.parametrize(
@@ -240,7 +221,7 @@ def write_twist(linear: float, angular: float):
 def test_a_name_that_will_not_do_is_refused(driver, tmp_path, topics, reason) -> None:
     path = write_bag(tmp_path / 'driver', driver)
     with pytest.raises(InputError, match=reason):
-        commands(path, topics)
+        replayed(path, topics)
 
 
 def test_two_cameras_are_a_choice(driver, tmp_path) -> None:
@@ -248,7 +229,7 @@ def test_two_cameras_are_a_choice(driver, tmp_path) -> None:
     kinds = {f'/{side}{topic}': kind_of(topic) for side in ('a', 'b') for topic in DRIVER}
     path = write_bag(tmp_path / 'both', both, kinds=kinds)
     with pytest.raises(InputError, match='image may be /a/image_raw, /b/image_raw; say which'):
-        commands(path)
+        replayed(path)
     with Bag(path) as bag:  # the camera_info beside the image is the one that is meant
         assert assign_roles(bag, {'image': '/b/image_raw'})['camera_info'].name == '/b/camera_info'
 
@@ -264,7 +245,7 @@ def test_two_cameras_are_a_choice(driver, tmp_path) -> None:
 def test_what_is_missing_is_named(driver, tmp_path, missing, reason) -> None:
     path = write_bag(tmp_path / 'driver', [item for item in driver if item[0] != missing])
     with pytest.raises(InputError, match=reason):
-        commands(path, desired=Moment(0, since_first=True) if missing == '/camera_info' else None)
+        replayed(path, desired=Moment(0, since_first=True) if missing == '/camera_info' else None)
 
 
 def moved(messages: list[Message], namespace: str) -> list[Message]:

@@ -1,13 +1,22 @@
 """Replay: the same to the last bit with the same parameters, and told apart with others."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 import json
 from pathlib import Path
 import struct
-from typing import Any
 
-from bagmaker import decoded, drive, kind_of, Message, small_scenario, TYPES, write_bag
+from bagmaker import (
+    decoded,
+    drive,
+    kind_of,
+    Message,
+    published,
+    replayed,
+    small_scenario,
+    twists,
+    TYPES,
+    write_bag,
+)
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
@@ -16,9 +25,16 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assign_roles
-from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides, SERVO, TRACKER
-from visual_servo_epipolar.bags.replaying.replay import document, replay, ReplayedStep, run_log
+from visual_servo_epipolar.bags.replaying.comparison import compare
+from visual_servo_epipolar.bags.replaying.plan import (
+    Moment,
+    Plan,
+    plan,
+    ReplayOverrides,
+    SERVO,
+    TRACKER,
+)
+from visual_servo_epipolar.bags.replaying.replay import document, has_truth, ReplayedStep, run_log
 from visual_servo_epipolar.bags.replaying.replay import SETTLE_FRAMES as BRAKING_STEPS
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
@@ -26,29 +42,34 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.telemetry import ODOMETRY, odometry_of
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.report.figures import signals
 from visual_servo_epipolar.simulation.closed_loop import SETTLE_FRAMES
 
-TRACKER_SETTINGS = '/tracker_node/settings'
-FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node/settings')
-
-
-def replayed(
-    path: Path,
-    *,
-    tolerance: float = 0.0,
-    topics: Mapping[str, str] | None = None,
-    **overrides: Any,
-) -> tuple[Recording, list[ReplayedStep], Comparison]:
-    """Replay the bag at ``path`` and compare."""
-    with Bag(path) as bag:
-        run = read_run(bag, assign_roles(bag, topics or {}))
-        replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
-        steps = replay(bag, run, replay_plan)
-    return run, steps, compare(run, steps, tolerance)
+TRACKER_SETTINGS, SERVO_SETTINGS = '/tracker_node/settings', '/servo_node/settings'
+DESIRED = '/tracker_node/desired/image_raw'
+STEP_NS = 90_909_091  # of the recorded run
 
 
 def without(messages: list[Message], *topics: str) -> list[Message]:
     return [item for item in messages if item[0] not in topics]
+
+
+def planned(path: Path, **overrides: object) -> tuple[Plan, list[str]]:
+    """Return how a bag would be replayed, and the notes on it."""
+    with Bag(path) as bag:
+        return plan(bag, read_run(bag, assign_roles(bag, {})), ReplayOverrides(**overrides))
+
+
+def settings_of(messages: list[Message], topic: str) -> str:
+    """Return the recorded text of settings."""
+    (message,) = (item for item in messages if item[0] == topic)
+    return str(decoded(message).data)
+
+
+def with_settings(messages: list[Message], topic: str, *texts: str) -> list[Message]:
+    """Return a run with other texts of settings."""
+    new = [(topic, 0, serialize_message(write.text(text))) for text in texts]
+    return [*new, *without(messages, topic)]
 
 
 @pytest.fixture(scope='session')
@@ -59,27 +80,16 @@ def bag(small_run, tmp_path_factory) -> Path:
 @pytest.mark.parametrize('from_tracks', [False, True])
 def test_the_same_parameters_give_the_same_commands_to_a_bit(bag, small_run, from_tracks) -> None:
     _, steps, comparison = replayed(bag, from_tracks=from_tracks)
-    commands = [
-        TYPES.deserialize_cdr(raw, kind_of(t)) for t, _, raw in small_run if t == '/cmd_vel'
-    ]
-    published = [struct.pack('<2d', m.linear.x, m.angular.z) for m in commands]
-    again = [
-        struct.pack('<2d', s.telemetry['linear_m_s'], s.telemetry['angular_rad_s']) for s in steps
-    ]
-    assert again == published
+    again, recorded = (
+        [struct.pack('<2d', *twist) for twist in each]
+        for each in (twists(steps), published(small_run))
+    )
+    assert again == recorded
     assert len(steps) >= 50
     assert comparison.equal
     assert comparison.compared == len(steps)
     assert {'phase', 'epipole_current_px', 'linear_m_s'} <= comparison.differences.keys()
     assert all(item.largest == 0.0 for item in comparison.differences.values())
-
-
-def test_two_replays_with_other_parameters_are_the_same(bag) -> None:
-    first, second = (
-        replayed(bag, changes={'servo': {'k1': 0.1}, 'tracker': {'max_features': 45}})[1]
-        for _ in range(2)
-    )
-    assert repr(first) == repr(second)  # for nan is not equal to itself
 
 
 def test_other_parameters_part_from_the_recorded_run_where_they_first_matter(bag) -> None:
@@ -102,8 +112,8 @@ def test_other_settings_of_the_tracker_part_as_well(bag) -> None:
 
 def test_a_tolerance_forgives_what_is_small(bag) -> None:
     changes = {'servo': {'turn_gain': 0.8 + 1e-9}}
-    assert not replayed(bag, from_tracks=True, changes=changes)[2].equal
-    assert replayed(bag, from_tracks=True, changes=changes, tolerance=1e-6)[2].equal
+    assert not replayed(bag, from_tracks=True, changes=changes).comparison.equal
+    assert replayed(bag, from_tracks=True, changes=changes, tolerance=1e-6).comparison.equal
 
 
 def test_a_recorded_value_that_no_robot_has_is_a_difference_like_any(bag) -> None:
@@ -124,40 +134,27 @@ def test_another_phase_is_never_forgiven(bag) -> None:
 
 
 def test_a_setting_changed_on_the_way_is_replayed_from_its_stamp(small_run, tmp_path) -> None:
-    remaining = without(small_run, '/servo_node/settings')
-    (settings,) = (
-        TYPES.deserialize_cdr(raw, kind_of(topic)).data
-        for topic, _, raw in small_run
-        if topic == '/servo_node/settings'
-    )
+    settings = settings_of(small_run, SERVO_SETTINGS)
     changed = settings.replace('angular_acceleration: 1.2', 'angular_acceleration: 0.6')
     assert changed != settings
-    period_ns = 90_909_091
-    texts = [settings, f'# after_stamp_ns: {4 * period_ns}\n{changed}']
-    more = [('/servo_node/settings', 0, serialize_message(write.text(text))) for text in texts]
-    path = write_bag(tmp_path / 'changed', [*more, *remaining])
-    _, steps, comparison = replayed(path, from_tracks=True)
-    assert comparison.divergence is not None
-    assert comparison.divergence.stamp_ns == 5 * period_ns
-    _, expected, _ = replayed(path, from_tracks=True, changes={'servo': {'turn_gain': 0.4}})
-    assert steps[5].telemetry['angular_rad_s'] != expected[0].telemetry['angular_rad_s']
+    later = f'# after_stamp_ns: {4 * STEP_NS}\n{changed}'
+    path = write_bag(
+        tmp_path / 'changed', with_settings(small_run, SERVO_SETTINGS, settings, later)
+    )
+    divergence = replayed(path, from_tracks=True).comparison.divergence
+    assert divergence is not None
+    assert divergence.stamp_ns == 5 * STEP_NS
 
 
 def test_an_image_that_the_tracker_dropped_is_not_replayed(small_run, tmp_path) -> None:
-    dropped = 20
-    period_ns = 90_909_091
+    dropped_ns = 20 * STEP_NS
 
-    def of_stamp(item: Message) -> bool:
-        topic, _, raw = item
-        if topic not in ('/tracks', '/epipoles', '/diagnostics'):
-            return False
-        return (
-            read.stamp_ns(TYPES.deserialize_cdr(raw, kind_of(topic)).header) == dropped * period_ns
-        )
+    def is_of_it(item: Message) -> bool:
+        of_step = item[0] in ('/tracks', '/epipoles', '/diagnostics')
+        return of_step and read.stamp_ns(decoded(item).header) == dropped_ns
 
-    path = write_bag(tmp_path / 'dropped', [m for m in small_run if not of_stamp(m)])
-    _, steps, _ = replayed(path)
-    assert dropped * period_ns not in {step.key[0] for step in steps}
+    path = write_bag(tmp_path / 'dropped', [item for item in small_run if not is_of_it(item)])
+    assert dropped_ns not in {step.key[0] for step in replayed(path).steps}
 
 
 def test_a_recorded_step_without_its_image_is_missed(small_run, tmp_path) -> None:
@@ -169,37 +166,28 @@ def test_a_recorded_step_without_its_image_is_missed(small_run, tmp_path) -> Non
 
 
 def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
-    path = write_bag(tmp_path / 'tracks', without(small_run, '/image_raw', *FIRST[:2]))
-    with Bag(path) as opened:
-        run = read_run(opened, assign_roles(opened, {}))
-        replay_plan, notes = plan(opened, run, ReplayOverrides())
+    images = '/image_raw', '/desired/image_raw', DESIRED
+    path = write_bag(tmp_path / 'tracks', without(small_run, *images))
+    replay_plan, notes = planned(path)
     assert replay_plan.from_tracks
     assert any('recorded tracks are replayed' in note for note in notes)
-    assert replayed(path)[2].equal
-
-
-def _recorded(small_run, topic: str) -> str:
-    """Return the recorded text of settings."""
-    (raw,) = (raw for each, _, raw in small_run if each == topic)
-    return TYPES.deserialize_cdr(raw, kind_of(topic)).data
+    assert replayed(path).comparison.equal
 
 
 def test_a_network_that_is_gone_keeps_no_tracks_from_being_replayed(small_run, tmp_path) -> None:
-    topic = TRACKER_SETTINGS
-    gone = _recorded(small_run, topic).replace('matcher: sift', 'matcher: onnx')
+    gone = settings_of(small_run, TRACKER_SETTINGS).replace('matcher: sift', 'matcher: onnx')
     gone = gone.replace("matcher_model: ''", 'matcher_model: /gone.onnx')
-    message = (topic, 0, serialize_message(write.text(gone)))
-    path = write_bag(tmp_path / 'gone', [message, *without(small_run, topic)])
-    assert replayed(path, from_tracks=True)[2].equal
+    path = write_bag(tmp_path / 'gone', with_settings(small_run, TRACKER_SETTINGS, gone))
+    assert replayed(path, from_tracks=True).comparison.equal
     with pytest.raises(InputError, match=r'recorded tracker: matcher_model .*/gone.onnx'):
         replayed(path)
     sift = {'tracker': {'matcher': 'sift', 'matcher_model': ''}}
-    assert replayed(path, changes=sift)[2].equal
+    assert replayed(path, changes=sift).comparison.equal
 
 
 def test_the_photograph_may_come_from_the_simulator_alone(small_run, tmp_path) -> None:
-    path = write_bag(tmp_path / 'desired', without(small_run, '/tracker_node/desired/image_raw'))
-    assert replayed(path)[2].equal
+    path = write_bag(tmp_path / 'desired', without(small_run, DESIRED))
+    assert replayed(path).comparison.equal
 
 
 def test_the_photograph_may_be_an_image_of_the_bag(bag) -> None:
@@ -222,28 +210,22 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
         (topic, log_ns, raw.replace(f'_epipolar: {__version__}'.encode(), b'_epipolar: 9.0.0'))
         for topic, log_ns, raw in small_run
     ]
-    with Bag(write_bag(tmp_path / 'later', texts)) as opened:
-        _, notes = plan(opened, read_run(opened, assign_roles(opened, {})), ReplayOverrides())
+    _, notes = planned(write_bag(tmp_path / 'later', texts))
     assert notes == [f'recorded with version 9.0.0, replayed with {__version__}']
 
 
 @pytest.mark.parametrize('value', [0, 20])
 def test_a_setting_that_is_gone_is_noted_where_it_was_on(small_run, tmp_path, value) -> None:
-    settings = _recorded(small_run, TRACKER_SETTINGS)
-    more = settings.replace('matcher: sift', f'auxiliary_features: {value}\n  matcher: sift')
+    settings = settings_of(small_run, TRACKER_SETTINGS)
     indent = settings.partition('matcher: sift')[0].rpartition('\n')[2]
-    more = more.replace('\n  matcher', f'\n{indent}matcher')
-    message = (TRACKER_SETTINGS, 0, serialize_message(write.text(more)))
-    path = write_bag(tmp_path / 'gone', [message, *without(small_run, TRACKER_SETTINGS)])
-    with Bag(path) as opened:
-        _, notes = plan(opened, read_run(opened, assign_roles(opened, {})), ReplayOverrides())
+    more = f'auxiliary_features: {value}\n{indent}matcher: sift'
+    more = settings.replace('matcher: sift', more)
+    path = write_bag(tmp_path / 'gone', with_settings(small_run, TRACKER_SETTINGS, more))
     expected = 'recorded with auxiliary_features 20: this version replays without it'
-    assert notes == ([expected] if value else [])
+    assert planned(path)[1] == ([expected] if value else [])
 
 
 def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:
-    from visual_servo_epipolar.bags.replaying.replay import document, has_truth, run_log
-
     run, steps, _ = replayed(bag, from_tracks=True)
     log = run_log(run, steps, seed=0, law='full')
     assert has_truth(run, steps)
@@ -271,14 +253,12 @@ def begun_late(
     return kept
 
 
-def notes_on(path, **overrides: object) -> list[str]:
-    with Bag(path) as bag:
-        return plan(bag, read_run(bag, assign_roles(bag, {})), ReplayOverrides(**overrides))[1]
+def notes_on(path: Path, **overrides: object) -> list[str]:
+    return planned(path, **overrides)[1]
 
 
-def test_a_recording_from_the_beginning_needs_no_word(small_run, tmp_path) -> None:
-    path = write_bag(tmp_path / 'whole', small_run)
-    assert notes_on(path) == notes_on(path, from_tracks=True) == []
+def test_a_recording_from_the_beginning_needs_no_word(bag) -> None:
+    assert notes_on(bag) == notes_on(bag, from_tracks=True) == []
 
 
 def test_a_recording_that_began_after_both_says_so(small_run, tmp_path, capsys) -> None:
@@ -313,40 +293,26 @@ def _failing(message: Message) -> Message:
     return topic, log_ns, raw
 
 
-CLOSE = (0.3, -2.2, 0.0)
-
-
-def replayed_of_replayed_odometry(
-    path: Path,
-    overrides: ReplayOverrides,
-    known: Callable[[Recording], Recording] = lambda run: run,
-) -> tuple[Recording, list[ReplayedStep]]:
-    """Replay a bag of which so much is ``known``."""
-    with Bag(path) as bag:
-        run = known(read_run(bag, assign_roles(bag, {})))
-        return run, replay(bag, run, plan(bag, run, overrides)[0])
-
-
 def without_odometry(run: Recording) -> Recording:
-    """Return the recording of somebody who knew of no odometry."""
-    known = {
+    """Return a recording as an earlier version wrote it, without odometry in the telemetry."""
+    telemetry = {
         key: {name: value for name, value in values.items() if name not in ODOMETRY}
         for key, values in run.telemetry.items()
     }
-    return replace(run, telemetry=known)
+    return replace(run, telemetry=telemetry)
 
 
 @pytest.fixture(scope='module')
 def reckoned(tmp_path_factory) -> Path:
+    """Return the bag of a run by odometry."""
     scenario = small_scenario(4.0, odometry=True)
-    said = drive(scenario, scenario.loop(CLOSE, 0))
+    said = drive(scenario, scenario.loop((0.3, -2.2, 0.0), 0))
     return write_bag(tmp_path_factory.mktemp('bags') / 'reckoned', said)
 
 
 @pytest.mark.parametrize('from_tracks', [False, True])
 def test_a_run_by_odometry_is_replayed_to_the_last_bit(reckoned, from_tracks) -> None:
-    run, steps = replayed_of_replayed_odometry(reckoned, ReplayOverrides(from_tracks=from_tracks))
-    comparison = compare(run, steps, 0.0)
+    _, steps, comparison = replayed(reckoned, from_tracks=from_tracks)
     assert comparison.equal
     assert comparison.differences[ODOMETRY[0]].compared == len(steps)
     poses = [odometry_of(step.telemetry) for step in steps]
@@ -354,27 +320,18 @@ def test_a_run_by_odometry_is_replayed_to_the_last_bit(reckoned, from_tracks) ->
     assert poses[-1] != poses[0]
 
 
-def test_it_goes_by_the_poses_that_were_used(reckoned) -> None:
-    _, steps = replayed_of_replayed_odometry(
-        reckoned, ReplayOverrides(from_tracks=True), without_odometry
-    )
+@pytest.mark.parametrize(
+    'values',
+    [{'known': without_odometry}, {'changes': {'servo': {'odometry': False}}}],
+    ids=['not recorded', 'not wanted'],
+)
+def test_odometry_that_is_not_recorded_or_not_wanted_is_not_used(reckoned, values) -> None:
+    steps = replayed(reckoned, from_tracks=True, **values).steps
     assert {odometry_of(step.telemetry) for step in steps} == {None}
 
 
-def test_who_wants_none_of_it_hears_none(reckoned) -> None:
-    changes = {'servo': {'odometry': False}}
-    _, steps = replayed_of_replayed_odometry(
-        reckoned, ReplayOverrides(from_tracks=True, changes=changes)
-    )
-    assert {odometry_of(step.telemetry) for step in steps} == {None}
-
-
-def test_a_bag_of_before_is_replayed_as_it_was(small_run, tmp_path) -> None:
-    path = write_bag(tmp_path / 'small', small_run)
-    run, steps = replayed_of_replayed_odometry(
-        path, ReplayOverrides(from_tracks=True), without_odometry
-    )
-    assert compare(run, steps, 0.0).equal
+def test_a_bag_of_before_odometry_is_replayed_as_it_was(bag) -> None:
+    assert replayed(bag, from_tracks=True, known=without_odometry).comparison.equal
 
 
 PERIOD_NS = 100_000_000
@@ -456,8 +413,6 @@ def test_the_end_of_the_run_is_not_that_of_the_bag(small_run, tmp_path, capsys) 
 
 
 def test_figures_mark_the_end_of_the_run() -> None:
-    from visual_servo_epipolar.report.figures import signals
-
     steps = steps_of(displacing=20, failed=300)
     log = run_log(driving_away(steps), steps, seed=0, law='full')
     panel = signals(log).axes[1]
