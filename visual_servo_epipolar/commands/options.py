@@ -44,7 +44,6 @@ BAG = 'rosbag2 folder, .mcap or .db3'
 SET, TOPICS = 'replay with other settings, such as', 'names of topics by role'
 ACTIONS = {  # of routes
     'teach': 'learn a route from a bag with images, camera_info and odom',
-    'replay': 'replay the repetitions of a route in a bag, and compare with what was recorded',
     'demo': 'teach a way in a simulated storey, repeat it, and judge by ground truth',
 }
 CROPPED = {'--cropped': 'images are crops: accept a principal point anywhere'}
@@ -180,7 +179,7 @@ def add_report(parser: ArgumentParser) -> None:
 def add_route(parser: ArgumentParser) -> None:
     """Add the actions of ``route``."""
     actions = parser.add_subparsers(dest='action', required=True, metavar='ACTION')
-    teach, again, demo = (
+    teach, demo = (
         actions.add_parser(name, help=text, description=f'{text.capitalize()}.')
         for name, text in ACTIONS.items()
     )
@@ -201,16 +200,6 @@ def add_route(parser: ArgumentParser) -> None:
     add_flags(teach, {'--rectified': 'images are rectified: use P of camera_info', **CROPPED})
     add_flags(teach, {'--parts': parts})
     add_json(teach)
-    _add_path(again, 'bag', 'BAG', BAG)
-    add_words(again, {'--route FOLDER': 'folder of the route (default that of the node)'})
-    lists = {
-        '--set SECTION.NAME=VALUE': f'{SET} follow.steering_length=1 or servo.latency=0.1',
-        '--topics ROLE=NAME': f'{TOPICS}: image, camera_info',
-    }
-    add_lists(again, lists)
-    most = {'--tolerance T': 'largest difference that counts as equal (default 0)'}
-    add_words(again, most, type=tolerance, default=0.0)
-    add_json(again)
     _add_route_demo(demo)
 
 

@@ -49,7 +49,6 @@ from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
@@ -60,34 +59,31 @@ from visual_servo_epipolar.messages.settings_text import installed_versions
 
 Changes = dict[str, dict[str, Any]]
 
-Kinds = Mapping[str, type[Settings]]
-KINDS: Kinds = {'servo': ServoSettings, 'tracker': TrackerSettings}
-OF_ROUTES: Kinds = {'follow': FollowSettings, 'servo': ServoSettings}
+KINDS: Mapping[str, type[Settings]] = {'servo': ServoSettings, 'tracker': TrackerSettings}
 
 
-def changes_of(words: Sequence[str], kinds: Kinds = KINDS) -> Changes:
+def changes_of(words: Sequence[str]) -> Changes:
     """
     Return settings by section.
 
-    Raises InputError if a word is not SECTION.NAME=VALUE, with a section of ``kinds``. The values
-    are not checked.
+    Raises InputError if a word is not SECTION.NAME=VALUE. The values are not checked.
     """
     changes: Changes = {}
     for word in words:
         name, equals, value = word.partition('=')
         section, dot, setting = name.partition('.')
-        if not (equals and dot and setting and section in kinds):
+        if not (equals and dot and setting and section in KINDS):
             raise InputError(
-                f'--set takes SECTION.NAME=VALUE with a section of {", ".join(kinds)}, as in '
-                f'servo.k1=0.1, got {word!r}{_suggestion(setting if dot else section, kinds)}'
+                f'--set takes SECTION.NAME=VALUE with a section of {", ".join(KINDS)}, as in '
+                f'servo.k1=0.1, got {word!r}{_suggestion(setting if dot else section)}'
             )
         changes.setdefault(section, {})[setting] = _value(value)
     return changes
 
 
-def _suggestion(setting: str, kinds: Kinds) -> str:
+def _suggestion(setting: str) -> str:
     """Return in words how to write a setting without its section, if there is one."""
-    for section, kind in kinds.items():
+    for section, kind in KINDS.items():
         if setting in {item.name for item in fields(kind)}:
             return f'; did you mean {section}.{setting}?'
     return ''

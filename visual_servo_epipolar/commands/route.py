@@ -1,9 +1,7 @@
 """Routes on the command line: learnt from a bag, or taught, repeated and judged in simulation."""
 
 import argparse
-from contextlib import closing
 from dataclasses import asdict, replace
-from itertools import groupby
 import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -25,7 +23,6 @@ from visual_servo_epipolar.messages.route_folder import (
     read_route,
     write_route,
 )
-from visual_servo_epipolar.messages.settings_text import installed_versions
 
 if TYPE_CHECKING:
     from visual_servo_epipolar.simulation.routes import RepeatLog, Taught
@@ -37,7 +34,7 @@ AS_FAST = {'max_linear': FollowSettings.max_speed, 'max_angular': FollowSettings
 
 def route(options: argparse.Namespace) -> int:
     """Run the action that was asked for."""
-    return {'teach': teach, 'replay': replay, 'demo': demo}[options.action](options)
+    return {'teach': teach, 'demo': demo}[options.action](options)
 
 
 def teach(options: argparse.Namespace) -> int:
@@ -81,38 +78,6 @@ def teach(options: argparse.Namespace) -> int:
         lines += [_sentence(summary_of(part, place)), f'written to {place}']
     publish(result, '\n'.join(lines), options.json)
     return 0
-
-
-def replay(options: argparse.Namespace) -> int:
-    """Replay a repetition from a bag; return 0 if nothing differs from what was recorded."""
-    from visual_servo_epipolar.bags.reading.bag import Bag
-    from visual_servo_epipolar.bags.reading.topics import parse
-    from visual_servo_epipolar.bags.replaying import route_replay
-    from visual_servo_epipolar.bags.replaying.comparison import as_document
-    from visual_servo_epipolar.commands.replay import changes_of, compared_words, OF_ROUTES
-
-    changes = changes_of(options.set, kinds=OF_ROUTES)
-    with Bag(Path(options.bag)) as bag, closing(Progress()) as progress:
-        recorded = route_replay.read_repetition(bag, parse(options.topics))
-        folder = recorded.folder() if options.route is None else Path(options.route)
-        steps: dict[int, dict[str, float | str]] = {}
-        for stamp_ns, step in route_replay.replayed_steps(bag, recorded, folder, changes):
-            steps[stamp_ns] = step
-            progress.say(f'{len(steps)} of {len(recorded.steps)} steps')
-    comparison = route_replay.compare_repetition(recorded, steps, options.tolerance)
-    versions = {'recorded': dict(recorded.versions), 'replayed': installed_versions()}
-    result: dict[str, Any] = {
-        'comparison': as_document(comparison),
-        'versions': versions,
-        'changes': changes,
-        'notes': recorded.notes,
-        'steps': {str(stamp_ns): step for stamp_ns, step in steps.items()},
-    }
-    phases = [f'  {phase}' for phase, _ in groupby(str(step['phase']) for step in steps.values())]
-    lines = [*recorded.notes, f'{len(steps)} steps by {folder}:', *phases]
-    lines += compared_words(result['comparison'])
-    publish(result, '\n'.join(lines), options.json)
-    return 0 if comparison.equal else 1
 
 
 def summary_of(route: Route, folder: Path) -> dict[str, Any]:

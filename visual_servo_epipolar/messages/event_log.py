@@ -9,22 +9,15 @@ import json
 
 # Of the servo, beside its interruptions, and of the tracker.
 STARTED, CAPTURED, REDETECTED = 'started', 'captured', 'redetected'
-# Of the route node, beside started: it stands, with the last step unsent or not, and the ends.
-HELD, UNSENT, FAILED, STOPPED = 'held', 'unsent', 'failed', 'stopped'
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """
-    Event after the image of ``after_stamp_ns``; None means before the first image.
-
-    ``at_ns`` is when it happened, where what follows depends on it.
-    """
+    """Event after the image of ``after_stamp_ns``; None means before the first image."""
 
     event: str
     after_stamp_ns: int | None = None
     reason: str = ''
-    at_ns: int | None = None
 
 
 def to_text(entry: Entry) -> str:
@@ -36,13 +29,9 @@ def from_text(text: str) -> Entry:
     """Return what ``to_text`` wrote; raises ValueError for any other text."""
     try:
         document = json.loads(text)
-        after_ns, at_ns = document['after_stamp_ns'], document.get('at_ns')
-        return Entry(
-            str(document['event']),
-            None if after_ns is None else int(after_ns),
-            str(document['reason']),
-            None if at_ns is None else int(at_ns),
-        )
+        after_ns = document['after_stamp_ns']
+        after_ns = None if after_ns is None else int(after_ns)
+        return Entry(str(document['event']), after_ns, str(document['reason']))
     except (LookupError, OverflowError, RecursionError, TypeError, ValueError):
         raise ValueError(
             f'an event must be JSON with event, after_stamp_ns and reason, got {text!r:.80}; '

@@ -206,11 +206,6 @@ def calibration_hash(camera: CameraModel) -> str:
     return _hash(text.encode())
 
 
-def route_hash(folder: Path) -> str:
-    """Return the hash of a route in its folder with all parts, by which a bag names it."""
-    return _hash(place_of(folder, ROUTE).read_bytes())
-
-
 def _photographs(number: int, view: RouteView) -> list[str]:
     """Return the names of the photographs of a key view, its first one first."""
     loads = [each.load for each in view.appearances]

@@ -26,7 +26,7 @@ from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.commands import Commands, conflict
-from visual_servo_epipolar.nodes.reports import NodeReports
+from visual_servo_epipolar.nodes.reports import ReplayReports
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.steady import SILENT_S, Stopwatch
 from visual_servo_epipolar.nodes.watching import Enable, Freshness
@@ -35,7 +35,7 @@ WAITS_FOR_END = 'will drive once this is resolved: '  # of what an armed servo l
 Standstill = Callable[[], tuple[str, bool]]
 
 
-class Reports(NodeReports):
+class Reports(ReplayReports):
     """Reports of the servo ``node``: all that it publishes but commands."""
 
     def __init__(self, node: Node, base_frame: str) -> None:

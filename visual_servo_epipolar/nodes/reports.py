@@ -50,7 +50,6 @@ class NodeReports:
         self._clock, self._diagnosed = node.get_clock(), Stopwatch(runs=False)
         self._diagnostics_pub = self._publisher(DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS)
         self._settings_pub = self._publisher(String, '~/settings', qos.LATCHED)
-        self._events_pub = self._publisher(String, '~/events', qos.DIAGNOSTICS)
 
     def _publisher(self, kind: Any, topic: str, profile: QoSProfile) -> Publisher:
         """Create a publisher for people, silent about other QoS, which costs two entities."""
@@ -71,9 +70,15 @@ class NodeReports:
         text = settings_text.to_text(self._name, groups, after_stamp_ns)
         self._settings_pub.publish(write.text(text))
 
-    def event(
-        self, name: str, after_stamp_ns: int | None, reason: str = '', at_ns: int | None = None
-    ) -> None:
-        """Publish what happened between two images, likewise."""
-        entry = event_log.Entry(name, after_stamp_ns, reason, at_ns)
+
+class ReplayReports(NodeReports):
+    """Reports of a ``node`` whose bags are replayed: its events as well."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(node)
+        self._events_pub = self._publisher(String, '~/events', qos.DIAGNOSTICS)
+
+    def event(self, name: str, after_stamp_ns: int | None, reason: str = '') -> None:
+        """Publish what happened between two images."""
+        entry = event_log.Entry(name, after_stamp_ns, reason)
         self._events_pub.publish(write.text(event_log.to_text(entry)))

@@ -26,7 +26,6 @@ from visual_servo_epipolar.messages.route_folder import (
     check_folder,
     is_route,
     read_route,
-    route_hash,
     write_route,
 )
 from visual_servo_epipolar.nodes import parameters
@@ -305,7 +304,7 @@ class RouteNode(ManagedNode):
         run = RouteRun(route, self._follow, self._servo, camera=camera)
         self._reports.route(route)
         settings = (self._node_settings, self._servo, self._follow)
-        self._repetition.begin(run, settings, route_hash(folder))
+        self._repetition.begin(run, settings)
         self._renewal.follow(run, folder)
         end = route.views[run.target].way
         begun = f'begun, to the station after {end:.2f} m; the robot looks where it is'

@@ -28,7 +28,6 @@ from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.messages import route_messages, write
-from visual_servo_epipolar.messages.event_log import FAILED, HELD, STARTED, STOPPED, UNSENT
 from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.commands import Commands
@@ -182,7 +181,7 @@ class RouteReports(NodeReports):
         self._markers_pub.publish(route_messages.markers(route, now_ns))
 
     def progress(self, step: RouteStep, stamp_ns: int, frame_id: str) -> None:
-        """Publish what a step tells the base, and how far it is: a replay compares with it."""
+        """Publish what a step tells the base, and how far it is."""
         values = route_messages.telemetry(step)
         self._progress_pub.publish(write.telemetry(values, stamp_ns, frame_id))
 
@@ -228,12 +227,11 @@ class RouteRepetition:
         """Whether a run is under way."""
         return self.run is not None and not self.run.ended
 
-    def begin(self, run: RouteRun, settings: Sequence[Settings], route: str) -> None:
-        """Let a run begin, by the next image; ``settings`` and hash of its ``route`` go out."""
+    def begin(self, run: RouteRun, settings: Sequence[Settings]) -> None:
+        """Let a run begin, by the next image; ``settings`` go out."""
         self.run, self.last, self._of_node = run, run.last, settings[0]
         self.freshness.fresh.start()
         self._reports.settings(settings, self._stepped_ns)
-        self._note(STARTED, route)
         self._reports.standing(self.last)
 
     def use(self, follow: FollowSettings, servo: ServoSettings) -> None:
@@ -299,20 +297,16 @@ class RouteRepetition:
         if self.last.phase != Phase.HOLDING.value:
             self._logger.warning(f'{reason}, the robot is stopped')
         at_ns = self._stamp_ns + age_ns
-        self._note(UNSENT if unsent else HELD, reason, at_ns)
         self._end(self.run.halt(at_ns, reason, unsent=unsent))
 
     def fail(self, reason: str) -> None:
         """End the run, with a reason."""
         if self.run is not None and not self.run.ended:
-            self._note(FAILED, reason)
             self._end(self.run.fail(reason))
 
     def stop(self, reason: str) -> bool:
         """End what goes on, and tell the base to stand; return whether a run was under way."""
         was_active, self.run = self.is_active, None
-        if was_active:
-            self._note(STOPPED, reason)
         self._commands.send(HALT, self._clock.now().nanoseconds)
         self._commands.stopped()
         self.last = RouteStep(STANDSTILL, Phase.WAITING.value, reason)
@@ -322,10 +316,6 @@ class RouteRepetition:
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
         self._commands.wait()
-
-    def _note(self, event: str, reason: str, at_ns: int | None = None) -> None:
-        """Tell what happened between two images, for bags."""
-        self._reports.event(event, self._stepped_ns, reason, at_ns)
 
     def _end(self, step: RouteStep) -> None:
         self._follow(step)

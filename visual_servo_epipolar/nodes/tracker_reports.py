@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.reports import NodeReports
+from visual_servo_epipolar.nodes.reports import ReplayReports
 from visual_servo_epipolar.nodes.steady import SILENT_S, STEADY, Stopwatch
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
@@ -19,7 +19,7 @@ LOOK_PERIOD_S, REPEAT_S = 1.0, 30.0
 SIMULATED_SILENT_S = 5.0
 
 
-class TrackerReports(NodeReports):
+class TrackerReports(ReplayReports):
     """Reports of the tracker ``node``: all that it publishes but tracks."""
 
     def __init__(self, node: Node) -> None:

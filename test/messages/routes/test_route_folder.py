@@ -19,7 +19,6 @@ from visual_servo_epipolar.files import COMPLETE, PARTIAL
 from visual_servo_epipolar.messages.route_folder import (
     check_folder,
     read_route,
-    route_hash,
     write_route,
 )
 
@@ -154,9 +153,8 @@ def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_writt
     without_hashes(folder)
     earlier = read_route(folder)
     assert np.array_equal(earlier.views[1].image, route.views[1].image)
-    before = route_hash(folder)
     write_route(earlier, folder)
-    assert 'sha256:' in (folder / 'route.yaml').read_text() and route_hash(folder) != before
+    assert 'sha256:' in (folder / 'route.yaml').read_text()
     assert np.array_equal(read_route(folder).views[1].image, route.views[1].image)
 
 
@@ -195,13 +193,6 @@ def test_a_part_of_another_route_is_refused(folder: Path, tmp_path: Path, name: 
     (folder / name).write_bytes((tmp_path / 'other' / name).read_bytes())
     with pytest.raises(InputError, match='hash'):
         read_route(folder)
-
-
-def test_the_hash_of_a_route_is_that_of_all_its_parts(folder: Path, tmp_path: Path) -> None:
-    views = [key_view(k) for k in range(3)]
-    views[0] = replace(views[0], structure=replace(views[0].structure, jitter=0.02))
-    write_route(route_of(*views), tmp_path / 'other')
-    assert route_hash(tmp_path / 'other') != route_hash(folder)
 
 
 def test_a_kill_at_any_moment_leaves_one_route_and_the_files_of_the_user(folder: Path) -> None:

@@ -76,23 +76,9 @@ def compare(run: Recording, steps: Sequence[ReplayedStep], tolerance: float) -> 
     |a - b| <= tolerance max(1, |a|). With 0 all must be equal to the last bit. Phases must always
     be equal.
     """
-    triples: list[tuple[int, Mapping[str, Value], Mapping[str, Value]]] = [
-        (step.key[0], recorded, {'phase': step.phase.value, **step.telemetry})
-        for step, recorded in zip(steps, recorded_steps(run, steps), strict=True)
-    ]
-    result = compare_steps(triples, tolerance)
-    result.missing = len(run.telemetry.keys() - {item.key for item in steps})
-    if tolerance == 0.0 and run.telemetry and run.commands:
-        result.unpublished = _count_unpublished(run.commands, steps)
-    return result
-
-
-def compare_steps(
-    steps: Sequence[tuple[int, Mapping[str, Value], Mapping[str, Value]]], tolerance: float
-) -> Comparison:
-    """Compare ``steps``: stamp [ns], what was recorded of each by quantity, and replayed."""
     result = Comparison(tolerance)
-    for stamp_ns, recorded, replayed in steps:
+    for step, recorded in zip(steps, recorded_steps(run, steps), strict=True):
+        replayed: dict[str, Value] = {'phase': step.phase.value, **step.telemetry}
         pairs = {
             name: (value, replayed[name]) for name, value in recorded.items() if name in replayed
         }
@@ -101,8 +87,11 @@ def compare_steps(
             name: pair for name, pair in pairs.items() if _add_pair(result, name, pair, tolerance)
         }
         if differing and result.divergence is None:
-            time_s = seconds_between(steps[0][0], stamp_ns)
-            result.divergence = Divergence(stamp_ns, time_s, differing)
+            time_s = seconds_between(steps[0].key[0], step.key[0])
+            result.divergence = Divergence(step.key[0], time_s, differing)
+    result.missing = len(run.telemetry.keys() - {item.key for item in steps})
+    if tolerance == 0.0 and run.telemetry and run.commands:
+        result.unpublished = _count_unpublished(run.commands, steps)
     return result
 
 
