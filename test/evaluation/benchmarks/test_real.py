@@ -46,7 +46,8 @@ def test_a_folder_of_photographs_is_judged_by_its_truth(tmp_path: Path, capsys) 
     assert (row['trusted'], row['group']) == (True, 'room')
     assert row['error_deg'] < 0.3
     assert row['peers_deg']['MAGSAC'] < 3.0
-    assert 'room' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert 'room' in printed and 'deviation_deg 0 to 0.4' in printed
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,8 @@ def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(tmp_path, capsys
     assert code == 0 and document['ways'][0]['taught']
     assert count(document, 'found') == 6
     assert not any(row['trusted'] for row in document['bearings'])  # 1 px of parallax
-    assert 'donkey_route' in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert 'donkey_route' in printed and 'matches 70 to 120' in printed
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f'{REAL.name} is not there: not to be committed')

@@ -6,7 +6,6 @@ from itertools import islice, pairwise
 import json
 import math
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -26,7 +25,10 @@ OPTIONS = ('photographs',)
 PEERS = {'MAGSAC': cv2.USAC_MAGSAC, 'RANSAC': cv2.RANSAC}
 PEER_PX = 1.5
 WRONG = 3.0  # error [deg]
-BANDS = {'deviation_deg': (0.0, 0.4, 0.7, 1.0), 'matches': (0, 70, 120, 250)}  # begins of them
+BANDS = {
+    'deviation_deg': (0.0, 0.4, 0.7, 1.0, 1.5),
+    'matches': (0, 70, 120, 250),
+}  # begins of them
 COLUMNS = (
     'set | n | trusted | median / p90 / max [deg] | wrong | error/dev., median / p95 '
     '| MAGSAC, RANSAC wrong | of MAGSAC right'
@@ -108,22 +110,17 @@ def opencv_motion(rays: Rays, noise: float, method: int) -> FloatArray:
 
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text: a line for each set of pairs, for all, and for each band."""
-    pairs = document['pairs']
-    bands: dict[str, list[Mapping[str, Any]]] = {}
-    for key, begins in BANDS.items():
-        for low, high in pairwise([*begins, math.inf]):
-            bands[f'{key} {low:g} to {high:g}'] = [it for it in pairs if low <= it[key] < high]
-    return '\n'.join(['Photographs', *set_lines(pairs, bands)])
+    return '\n'.join(['Photographs', *set_lines(document['pairs'])])
 
 
-def set_lines(
-    pairs: Sequence[Mapping[str, Any]],
-    more: Mapping[str, list[Mapping[str, Any]]] = MappingProxyType({}),
-) -> list[str]:
-    """Return a line for each ``group`` of ``pairs``, for all, and for ``more`` sets of them."""
+def set_lines(pairs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each ``group`` of ``pairs``, for all, and for each band that has some."""
     groups = dict.fromkeys(it['group'] for it in pairs)
     sets = {name: [it for it in pairs if it['group'] == name] for name in groups}
-    sets |= ({'all': [*pairs]} if len(groups) > 1 else {}) | {it: more[it] for it in more}
+    sets |= {'all': [*pairs]} if len(groups) > 1 else {}
+    for key, begins in BANDS.items():
+        for low, high in pairwise([*begins, math.inf]):
+            sets[f'{key} {low:g} to {high:g}'] = [it for it in pairs if low <= it[key] < high]
     words = (
         f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers '
         'on the same matches, of all pairs; of those that MAGSAC has right, how many are trusted'

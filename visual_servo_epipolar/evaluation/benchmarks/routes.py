@@ -205,8 +205,15 @@ def _pair(clip: Clip) -> Iterator[dict[str, Any]]:
     images = clip.image(desired), clip.image(current)
     found = inspect(*images, clip.camera, clip.camera, PerceptionSettings())
     bearings = np.array([found.bearing_current, found.bearing_desired, found.rotation])
-    deviation = math.degrees(found.deviation)
-    yield _bearings_row(clip, current, bearings, deviation, found.trusted, found.parallax_px)
+    yield _bearings_row(
+        clip,
+        current,
+        bearings,
+        trusted=found.trusted,
+        deviation_deg=math.degrees(found.deviation),
+        matches=len(found.current),
+        parallax_px=found.parallax_px,
+    )
 
 
 def _approach(clip: Clip) -> Iterator[dict[str, Any]]:
@@ -224,18 +231,21 @@ def _approach(clip: Clip) -> Iterator[dict[str, Any]]:
         found = np.full(3, math.nan)
         if angles is not None:
             found = np.array([angles.current, angles.desired, angles.heading_error])
-        deviation = math.degrees(seen.deviation)
-        yield _bearings_row(clip, frame, found, deviation, angles is not None, seen.parallax_px)
+        yield _bearings_row(
+            clip,
+            frame,
+            found,
+            trusted=angles is not None,
+            deviation_deg=math.degrees(seen.deviation),
+            matches=seen.features,
+            parallax_px=seen.parallax_px,
+        )
 
 
 def _bearings_row(
-    clip: Clip,
-    frame: int,
-    found: FloatArray,
-    deviation_deg: float,
-    trusted: bool,
-    parallax_px: float,
+    clip: Clip, frame: int, found: FloatArray, *, trusted: bool, **seen: float
 ) -> dict[str, Any]:
+    """Return the errors [deg] of bearings and heading ``found``, (3,), and what was ``seen``."""
     goal = clip.frames[0 if clip.kind == 'pair' else -1]
     errors = angle_errors(found, clip.bearings(frame, goal))
     return {
@@ -245,14 +255,13 @@ def _bearings_row(
         'trusted': trusted,
         'error_deg': float(errors[:2].max()),
         'rotation_error_deg': float(errors[2]),
-        'deviation_deg': deviation_deg,
-        'parallax_px': parallax_px,
         'peers_deg': {'MAGSAC': float(_opencv(clip, frame, goal)[:2].max())},
+        **seen,
     }
 
 
 def table(document: Mapping[str, Any]) -> str:
-    """Return the document as text: a line for each way, and for each approach or pair."""
+    """Return the document as text: a line for each way, approach, pair, and band of these."""
     words = (
         f'Recorded ways: found is right within {RIGHT_WAY:g} m along, {RIGHT_OFFSET:g} m across '
         f'and {WRONG:g} deg; bearings are wrong from {WRONG:g} deg on'
