@@ -29,7 +29,7 @@ from visual_servo_epipolar.messages import read, write  # noqa: E402
 from visual_servo_epipolar.nodes import qos  # noqa: E402
 from visual_servo_epipolar.nodes.servo_node import ServoNode  # noqa: E402
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld  # noqa: E402
-from visual_servo_epipolar.simulation.rigs import FixedRig  # noqa: E402
+from visual_servo_epipolar.simulation.rigs import SimulatedRig  # noqa: E402
 
 ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
 DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0])
@@ -237,7 +237,7 @@ class Robot:
 
     def __init__(self, bench, **servo) -> None:
         self.bench, self.poses = bench, {}
-        self.world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=1)
+        self.world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=1)
         self.pose, self.frame, self.blind = Pose.from_start(0.2, -1.2, 4.0), 0, False
         self.commands = bench.listen(TwistMessage, 'cmd_vel')
         self.detected = bench.listen(PoseStamped, 'detected_dock_pose')

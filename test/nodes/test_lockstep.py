@@ -113,8 +113,11 @@ def test_nodes_hear_the_same_wheels_as_the_loop_in_memory() -> None:
 
 
 def test_nodes_turn_the_same_head_as_the_loop_in_memory() -> None:
-    head = {'rig': 'pan_tilt', 'head_encoder_offset': 0.02}
-    scenario = short(**head).with_servo({'rig': 'pan_tilt', 'law': 'smooth'}).seeded(2)
+    scenario = (
+        short(rig='pan_tilt', mount_yaw=0.02)
+        .with_servo({'rig': 'pan_tilt', 'law': 'smooth'})
+        .seeded(2)
+    )
     settings = replace(scenario.loop((1.5, -2.0, 30.0), 2), max_duration=2.0)
     expected = simulate(scenario, settings)
     assert repr(drive(scenario, settings)) == repr(expected)

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.simulation.cameras import CameraSettings, SIMULATED_RIGS
-from visual_servo_epipolar.simulation.rigs import CameraPose, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraPose, SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.simulation.views import drive
 
@@ -63,20 +63,15 @@ def joints_at(frame: int | None) -> Joints:
 class SwingingRig(NamedTuple):
     """The head in the world."""
 
-    fixed: FixedRig
+    fixed: SimulatedRig
 
     @property
     def camera(self):
         return self.fixed.camera
 
-    @property
-    def views(self) -> tuple['SwingingRig']:
-        return (self,)
-
-    def turned(self, joints: Joints) -> 'SwingingRig':
-        return self
-
-    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
+    def camera_pose(
+        self, pose: Pose, frame: int | None = None, joints: Joints = AT_REST
+    ) -> CameraPose:
         panned = replace(pose, theta=pose.theta + joints_at(frame).pan)
         axes = self.fixed.camera_pose(panned).R_world_camera
         return CameraPose(axes, self.fixed.mount.centre(pose))
@@ -86,7 +81,7 @@ class SwingingSettings(CameraSettings):
     """Camera on a head that swings."""
 
     def rig(self) -> SwingingRig:
-        return SwingingRig(FixedRig(self.camera, self.mount))
+        return SwingingRig(SimulatedRig(self.camera, self.mount))
 
 
 @dataclass

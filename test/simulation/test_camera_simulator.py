@@ -53,7 +53,7 @@ def test_a_camera_that_stands_draws_the_room_once(monkeypatch: pytest.MonkeyPatc
     )
     for frame, pose in enumerate([HERE, HERE, HERE, THERE, HERE]):
         camera.capture(pose, frame)
-    assert [pose for pose, _ in drawn] == [HERE, THERE, HERE]
+    assert [pose for pose, *_ in drawn] == [HERE, THERE, HERE]
 
 
 @pytest.mark.parametrize('noise', [0.0, 2.0])

@@ -29,15 +29,15 @@ from visual_servo_epipolar.simulation.closed_loop import (
     View,
 )
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
-from visual_servo_epipolar.simulation.sensor import Receipt
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
+from visual_servo_epipolar.simulation.sensor import Motion, Receipt, STILL
 
 in_long = partial(pytest.param, marks=pytest.mark.long)
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]
 
 
 def points(seed: int = 0) -> PointWorld:
-    return PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed)
+    return PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=seed)
 
 
 @cache
@@ -194,23 +194,23 @@ def test_a_pose_survives_its_message() -> None:
     assert (published(pose).x, published(pose).y) == (1.0, -3.0)
 
 
-class Through(View):
+class Through:
     """A view through another one."""
 
     def __init__(self, view: View) -> None:
         self._view = view
 
-    def observe(self, pose: Pose, frame: int) -> Features:
-        return self._view.observe(pose, frame)
+    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+        return self._view.observe(pose, frame, motion)
 
 
 def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> None:
     class Watched(Through):
         poses: list[Pose] = []
 
-        def observe(self, pose: Pose, frame: int) -> Features:
+        def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
             self.poses.append(pose)
-            return super().observe(pose, frame)
+            return super().observe(pose, frame, motion)
 
     receipt = Receipt(0.12, 0.015, 3)
     settings = LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt)

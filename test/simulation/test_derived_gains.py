@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 
 # alpha_0, chi_0 [rad], distance [m]: concordant, from the edge of the singularity outwards.
 CONCORDANT = [(0.1, 0.3, 3.0), (0.4, 0.37, 2.0), (-0.58, -0.23, 2.7)]
@@ -40,7 +40,7 @@ def driven(starts: list[tuple[float, float, float]], law: str, gains: str) -> li
                 max_duration=130.0,
                 servo=ServoSettings(law=law, gains=gains, seed=seed),
             ),
-            PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed),
+            PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=seed),
             CAMERA,
         ).run()
         for seed, start in enumerate(starts)

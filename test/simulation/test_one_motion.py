@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, summar
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 from visual_servo_epipolar.simulation.views import drive
 
@@ -31,7 +31,7 @@ def driven(start: Start, memory: bool = True, **limits: float) -> RunLog:
     """Return the record of one run, driven once for all tests that look at it."""
     servo = ServoSettings(law='smooth', memory=memory, **limits)
     settings = LoopSettings(start=start, max_duration=120.0, servo=servo)
-    return Loop(settings, PointWorld(PointSettings(), FixedRig(CAMERA), seed=0), CAMERA).run()
+    return Loop(settings, PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=0), CAMERA).run()
 
 
 @pytest.mark.parametrize('start', [FRONT[0], *map(in_long, FRONT[1:])])

@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.geometry.motion import (
     DESIRED_POSE,
     HALF_PI,
     Pose,
-    STANDSTILL,
     Twist,
 )
 from visual_servo_epipolar.core.geometry.rays import normalised
@@ -23,9 +22,9 @@ from visual_servo_epipolar.simulation.disturbances import Disturbances, Disturba
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
-from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
+from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.sensor import Shutter
+from visual_servo_epipolar.simulation.sensor import Motion, Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)
@@ -45,7 +44,7 @@ BEHIND = Pose(1.0, -3.0, HALF_PI)
 
 
 def world(points: PointSettings = EXACT, *, seed: int = 0) -> PointWorld:
-    return PointWorld(points, FixedRig(CAMERA), seed=seed)
+    return PointWorld(points, SimulatedRig(CAMERA), seed=seed)
 
 
 def test_from_the_goal_everything_is_where_the_photograph_has_it() -> None:
@@ -156,11 +155,11 @@ def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int)
 
 def test_a_camera_that_turns_shears_the_points_by_readout_and_rate() -> None:
     rolling, still = (
-        PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+        PointWorld(EXACT, SimulatedRig(CAMERA), seed=0, shutter=Shutter(readout))
         for readout in (0.03, 0.0)
     )
-    rolling.move(Twist(0.0, 1.0))
-    sheared, upright = (each.project(DESIRED_POSE, 0)[0] for each in (rolling, still))
+    turning = Motion(Twist(0.0, 1.0))
+    sheared, upright = (each.project(DESIRED_POSE, 0, turning)[0] for each in (rolling, still))
     rays, seen = CAMERA.rays(upright), CAMERA.rays(sheared)
     turned = np.arctan2(seen[:, 0], seen[:, 2]) - np.arctan2(rays[:, 0], rays[:, 2])
     np.testing.assert_allclose(turned, 0.03 * sheared[:, 1] / CAMERA.height, atol=1e-5)
@@ -168,33 +167,34 @@ def test_a_camera_that_turns_shears_the_points_by_readout_and_rate() -> None:
 
 @pytest.mark.parametrize('readout', [0.0, 0.03])
 def test_a_body_that_nods_shows_points_as_an_image_has_them(readout: float) -> None:
-    cloud = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+    cloud = PointWorld(EXACT, SimulatedRig(CAMERA), seed=0, shutter=Shutter(readout))
     nod = Nod(0.01, 0.3)
-    cloud.move(STANDSTILL, nod)
-    pixels, visible = cloud.project(BEHIND, 3)
+    pixels, visible = cloud.project(BEHIND, 3, Motion(nod=nod))
     for point, pixel in zip(cloud.points[visible][:5], pixels[visible][:5], strict=True):
         pitch = nod.pitch + nod.rate * readout * pixel[1] / CAMERA.height
-        axes, centre = pitched(FixedRig(CAMERA).camera_pose(BEHIND), BEHIND, pitch)
+        axes, centre = pitched(SimulatedRig(CAMERA).camera_pose(BEHIND), BEHIND, pitch)
         np.testing.assert_allclose(
             CAMERA.pixels(normalised(((point - centre) @ axes)[None])), pixel[None], atol=1e-2
         )
 
 
 def test_a_camera_that_rolls_and_stands_sees_what_another_does() -> None:
-    rolling = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(0.03))
+    rolling = PointWorld(EXACT, SimulatedRig(CAMERA), seed=0, shutter=Shutter(0.03))
     expected, pixels = world().project(BEHIND, 3)[0], rolling.project(BEHIND, 3)[0]
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
 
 
 def test_a_focus_that_breathes_moves_points_about_the_principal_point() -> None:
-    breathing = PointWorld(EXACT, FixedRig(CAMERA), seed=0, shutter=Shutter(0.0, 0.0, 0.01, 40.0))
+    breathing = PointWorld(
+        EXACT, SimulatedRig(CAMERA), seed=0, shutter=Shutter(0.0, 0.0, 0.01, 40.0)
+    )
     centre = [CAMERA.cx, CAMERA.cy]
     expected, pixels = world().project(BEHIND, 10)[0], breathing.project(BEHIND, 10)[0]
     np.testing.assert_allclose(pixels - centre, 1.01 * (expected - centre), atol=1e-9)
 
 
 def test_a_floor_that_shakes_moves_what_is_seen_from_the_goal() -> None:
-    shaken = PointWorld(EXACT, FixedRig(CAMERA, jitter=0.002), seed=0)
+    shaken = PointWorld(EXACT, SimulatedRig(CAMERA, jitter=0.002), seed=0)
     shift = [
         (features.current - features.desired).mean(axis=0)
         for features in (shaken.observe(DESIRED_POSE, frame) for frame in range(200))
@@ -238,7 +238,7 @@ def test_a_person_who_passes_hides_points_and_gives_them_back() -> None:
     passing = DisturbanceSettings(disturbed_from=5, disturbed_for=10, person=0.9)
     crossing = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
     everything = replace(EXACT, max_features=EXACT.candidates)
-    cloud = PointWorld(everything, FixedRig(CAMERA), seed=0, disturbances=crossing)
+    cloud = PointWorld(everything, SimulatedRig(CAMERA), seed=0, disturbances=crossing)
     before, during, after = (cloud.observe(BEHIND, frame) for frame in (4, 10, 15))
     np.testing.assert_array_equal(before.ids, after.ids)
     gone = np.setdiff1d(before.ids, during.ids)

@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.regions import (
     Start,
     start_in,
 )
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import points_of
@@ -166,7 +166,7 @@ SQUARE = np.array([[[1.0, 1.0, 0.5], [3.0, 1.0, 0.5], [3.0, 2.0, 0.5], [1.0, 2.0
 
 @pytest.fixture(scope='module')
 def ground() -> Ground:
-    return Ground(room(1), FixedRig(CAMERA))
+    return Ground(room(1), SimulatedRig(CAMERA))
 
 
 @pytest.mark.parametrize(
@@ -223,5 +223,5 @@ def test_walls_keep_a_robot_in(ground: Ground, x: float, y: float) -> None:
 def test_the_camera_must_not_be_in_the_wall_either() -> None:
     wall = room(1, 'wall')
     near = Pose(0.0, 4.4, HALF_PI)
-    assert Ground(wall, FixedRig(CAMERA)).is_free(near)
-    assert not Ground(wall, FixedRig(CAMERA, CameraMount(forward=0.5))).is_free(near)
+    assert Ground(wall, SimulatedRig(CAMERA)).is_free(near)
+    assert not Ground(wall, SimulatedRig(CAMERA, CameraMount(forward=0.5))).is_free(near)

@@ -23,8 +23,9 @@ from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import Loop, verdict, View
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
+from visual_servo_epipolar.simulation.sensor import Motion, STILL
 from visual_servo_epipolar.simulation.views import points_of, view_of
 from visual_servo_epipolar.sweeping.plan import result_of
 
@@ -98,15 +99,15 @@ def test_a_camera_mounted_otherwise_arrives_and_never_leads_away(mount, servo, c
         assert result['attempts'] == 1 or not servo, result
 
 
-class RemountedView(View):
+class RemountedView:
     """What a ``camera`` sees that leans by ``tilt`` and ``roll`` since the photograph [deg]."""
 
     def __init__(self, view: View, camera: CameraModel, tilt: float, roll: float) -> None:
         self._view, self._camera = view, camera
         self._lean = rotation_level_camera(math.radians(tilt), math.radians(roll))
 
-    def observe(self, pose: Pose, frame: int) -> Features:
-        seen = self._view.observe(pose, frame)
+    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+        seen = self._view.observe(pose, frame, motion)
         rays = self._camera.rays(seen.current) @ self._lean
         return replace(seen, current=self._camera.pixels(rays))
 
@@ -190,7 +191,7 @@ def test_a_robot_arrives_through_every_lens(lens: str) -> None:
 
 
 def test_points_fill_the_image_of_a_lens_that_sees_behind() -> None:
-    world = PointWorld(PointSettings(noise=0.0), FixedRig(BEHIND), seed=0)
+    world = PointWorld(PointSettings(noise=0.0), SimulatedRig(BEHIND), seed=0)
     pixels, visible = world.project(DESIRED_POSE)
     np.testing.assert_allclose(pixels, world._desired, atol=1e-9)
     assert visible.all()
@@ -203,7 +204,7 @@ def test_points_fill_the_image_of_a_lens_that_sees_behind() -> None:
 def test_what_is_farther_behind_than_the_lens_sees_is_not_in_view() -> None:
     # The image is wider than what the lens sees: its corners are dark.
     narrow = Equidistant(1280, 1024, 480.0, 480.0, 639.5, 511.5, (-0.1, 0.0, 0.0, 0.0))
-    world = PointWorld(PointSettings(noise=0.0), FixedRig(narrow), seed=0)
+    world = PointWorld(PointSettings(noise=0.0), SimulatedRig(narrow), seed=0)
     assert np.isfinite(world.points).all()
     pixels, visible = world.project(Pose(0.0, 0.0, -math.pi / 2.0))  # it looks the other way
     away = world.points - [0.0, 0.0, 0.6]

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 
 FRAMES = 10
 TWIST = Twist(0.4, 0.05)
@@ -31,7 +31,7 @@ class Rig:
         self.odometry = bench.talk(Odometry, 'odom')
         self.info = bench.talk(CameraInfo, 'camera_info')
         self.node = bench.start(kind, **values)
-        self.world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
+        self.world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=0)
         self.pose, self.told, self.frame = START, Pose(5.0, 3.0, 1.0), 0
         if calibrated and self.node.is_active:
             self.calibrate()

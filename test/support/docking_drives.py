@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
 PERIOD_S, PERIOD_NS = 0.2, 200_000_000
@@ -44,7 +44,7 @@ class Drive:
     ) -> Iterator[tuple[DockSearch, Pose]]:
         """Yield the search and the true pose, frame by frame."""
         rng = np.random.default_rng((self.seed, 9))
-        world = PointWorld(self.points, FixedRig(CAMERA, self.mount), seed=self.seed)
+        world = PointWorld(self.points, SimulatedRig(CAMERA, self.mount), seed=self.seed)
         pose, told = Pose.from_start(*self.start), Pose(0.0, 0.0, 0.0)
         path, search = Path(), DockSearch()
         for frame in range(frames):

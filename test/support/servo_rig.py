@@ -21,10 +21,10 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.live_run import LiveRun
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
-WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
+WORLD = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=0)
 AWAY, GOAL = Pose.from_start(1.0, -3.5, 8.0), Pose.from_start(0.0, 0.0, 0.0)
 IN_VIEW, NOTHING = WORLD.observe(AWAY, 0), Features()
 STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
@@ -50,7 +50,7 @@ class Rig:
 
     def __init__(self, bench, *, camera=CAMERA, calibrated=True, **values) -> None:
         self.bench, self.stamp_ns = bench, STAMP_NS
-        self.world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
+        self.world = PointWorld(PointSettings(), SimulatedRig(camera), seed=0)
         self.words = bench.listen(String, 'phase', qos.LATCHED)
         self.reports = bench.listen(DiagnosticArray, '/diagnostics')
         self._telemetry = bench.listen(JointState, 'epipoles')

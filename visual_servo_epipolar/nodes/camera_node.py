@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.rigs.rig import AT_REST
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
@@ -32,7 +33,7 @@ from visual_servo_epipolar.simulation.cameras import (
 )
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory
+from visual_servo_epipolar.simulation.sensor import BodyState, Motion, PoseHistory
 
 
 class CameraNode(ParameterNode):
@@ -116,7 +117,6 @@ class CameraNode(ParameterNode):
             seed = self._settings.seed
             self._head = SimulatedHead(self._head_settings, seed=seed, now_ns=stamp_ns)
         self._head.advance(stamp_ns)
-        self._simulator.turn(self._head.joints)
         self._joints_pub.publish(joint_states(self._head.read(), self._joint_names, stamp_ns))
 
     def _on_truth(self, message: Odometry) -> None:
@@ -140,8 +140,8 @@ class CameraNode(ParameterNode):
     def _take(self, exposed_ns: int, stamp_ns: int) -> None:
         """Publish the image that was exposed then, and is received now."""
         pose, twist, nod = self._history.at(exposed_ns)
-        self._simulator.move(twist, nod)
-        image = self._simulator.capture(pose, self._frame)
+        joints = AT_REST if self._head is None else self._head.joints
+        image = self._simulator.capture(pose, self._frame, Motion(twist, nod, joints))
         self._frame += 1
         info = write.camera_info(self._info, stamp_ns, self._rig.camera_frame)
         self._info_pub.publish(info)

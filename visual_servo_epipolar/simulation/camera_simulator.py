@@ -1,13 +1,11 @@
 """Camera simulator: images of a room from the robot, through an imperfect sensor."""
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.simulation.bases import LEVEL, Nod
+from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.closed_loop import View
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.light import (
     Exposure,
@@ -24,7 +22,9 @@ from visual_servo_epipolar.simulation.sensor import (
     as_jpeg,
     DESIRED_FRAME,
     MAX_NOISE,
+    Motion,
     Sensor,
+    STILL,
 )
 
 
@@ -44,7 +44,6 @@ class CameraSimulator:
         light: LightSettings | None = None,
     ) -> None:
         self._settings, rig = settings, settings.rig()
-        self._joints: Joints | None = None  # as long as no head has turned it
         self.camera = rig.camera
         self._room = painted_room(settings.scene_seed, settings.scene)
         self.light = LightSettings() if light is None else light
@@ -52,7 +51,6 @@ class CameraSimulator:
         scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
         self.renderer = Renderer(scene, rig)
         self._exposures = Exposures(self.renderer)
-        self._twist, self._nod = STANDSTILL, LEVEL
         self._sensors: dict[float, Sensor] = {}  # by noise
         self._last: tuple[tuple[object, ...], Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
@@ -64,17 +62,7 @@ class CameraSimulator:
 
     @settings.setter
     def settings(self, settings: CameraSettings) -> None:
-        rig = settings.rig()
-        self._settings = settings
-        self.renderer.rig = rig if self._joints is None else rig.turned(self._joints)
-
-    def turn(self, joints: Joints) -> None:
-        """Let the head that carries the camera have its joints at these angles from now on."""
-        self._joints, self.renderer.rig = joints, self.renderer.rig.turned(joints)
-
-    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
-        """Let base and body move so from now on; an instant shows the pitch alone."""
-        self._twist, self._nod = twist, nod
+        self._settings, self.renderer.rig = settings, settings.rig()
 
     def disturb(self, settings: DisturbanceSettings) -> None:
         """Disturb the images from now on as ``settings`` say."""
@@ -90,16 +78,16 @@ class CameraSimulator:
         """Return the desired image, shape (H, W), taken from the goal."""
         return self.capture(DESIRED_POSE, DESIRED_FRAME)
 
-    def capture(self, pose: Pose, frame: int) -> Image:
+    def capture(self, pose: Pose, frame: int, motion: Motion = STILL) -> Image:
         """
-        Return frame number ``frame``, shape (H, W), taken from ``pose``.
+        Return frame number ``frame``, shape (H, W), exposed from ``pose`` on during a ``motion``.
 
         Automatic exposure has settled on the photograph and on frame 0, and follows from there on.
         """
         is_photograph = frame == DESIRED_FRAME
         light = self._light_of(is_photograph)
         self.renderer.scene = self._scene(light, has_changed=not is_photograph)
-        image = self._render(pose, frame)
+        image = self._render(pose, frame, motion)
         if not is_photograph and self._is_disturbed:
             image = self._disturbances.apply(image, frame)
         if frame <= 0:
@@ -128,23 +116,21 @@ class CameraSimulator:
             self._sensors[noise] = Sensor(size, settings.seed, noise=noise, **degrees)
         return self._sensors[noise]
 
-    def _render(self, pose: Pose, frame: int) -> Image:
+    def _render(self, pose: Pose, frame: int, motion: Motion) -> Image:
         """Return the image before the sensor: the last one, read-only, of a camera that stands."""
-        placed, shutter = self.renderer.rig.camera_pose(pose, frame), self._settings.row_timing
-        moves = frame != DESIRED_FRAME and not shutter.is_instant
-        twist, scene = self._twist if moves else STANDSTILL, self.renderer.scene
-        nod = LEVEL if frame == DESIRED_FRAME else self._nod
-        nod = nod if moves else Nod(nod.pitch)
-        axes, centre = placed.R_world_camera.tobytes(), placed.centre.tobytes()
-        place = axes, centre, twist, nod, shutter.zoom(frame)
+        shutter, scene = self._settings.row_timing, self.renderer.scene
+        if shutter.is_instant:  # it shows the pitch alone
+            motion = Motion(nod=Nod(motion.nod.pitch), joints=motion.joints)
+        axes, centre = self.renderer.rig.camera_pose(pose, frame, motion.joints)
+        place = axes.tobytes(), centre.tobytes(), motion, shutter.zoom(frame)
         if self._last is None or self._last[0] != place or self._last[1] is not scene:
-            image = self._exposures.render(pose, frame, twist, shutter, nod)
+            image = self._exposures.render(pose, frame, motion, shutter)
             image.setflags(write=False)
             self._last = place, scene, image
         return self._last[2]
 
 
-class ImageView(View):
+class ImageView:
     """View through camera and tracker; keeps the last image for pictures."""
 
     def __init__(self, simulator: CameraSimulator, tracker: Tracker) -> None:
@@ -154,16 +140,8 @@ class ImageView(View):
         self.features = Features()
         tracker.set_desired(self.desired)
 
-    def turn(self, joints: Joints) -> None:
-        """Let the head have its joints at these angles."""
-        self.simulator.turn(joints)
-
-    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
-        """Let base and body move so while rows are exposed."""
-        self.simulator.move(twist, nod)
-
-    def observe(self, pose: Pose, frame: int) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
         """Return the features seen from ``pose`` in frame number ``frame``."""
-        self.image = self.simulator.capture(pose, frame)
+        self.image = self.simulator.capture(pose, frame, motion)
         self.features = self.tracker.track(self.image)
         return self.features

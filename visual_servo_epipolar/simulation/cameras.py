@@ -11,12 +11,11 @@ import numpy as np
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant, WIDEST
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, CAMERAS, with_intrinsics
-from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.rigs.rig import AT_REST, HeadCommand, Joints
+from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.simulation.rigs import CameraMount, CameraPose, FixedRig
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Receipt, Shutter
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
+from visual_servo_epipolar.simulation.sensor import Receipt, Shutter
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,10 +95,10 @@ class CameraSettings(Settings):
         high=0.1,
     )
     breathing: float = internal(
-        0.0, 'Share by which the focus changes the focal length, up and down', low=0.0, high=0.2
-    )
-    breathing_period: float = internal(
-        2.0, 'Period of that change of the focal length [s]', low=0.1, high=100.0
+        0.0,
+        'Share by which the focus changes the focal length, up and down in 2 s',
+        low=0.0,
+        high=0.2,
     )
     stamp_delay: float = internal(
         0.0,
@@ -119,6 +118,7 @@ class CameraSettings(Settings):
         0.0, 'Principal point in camera_info, below the true one [px]', low=-1e4, high=1e4
     )
     GONE: ClassVar[Mapping[str, Any]] = {
+        'breathing_period': 2.0,
         'lens_baseline': 0.1,
         'lens_rotation': (0.0, 0.0, 0.0),
     }
@@ -169,17 +169,16 @@ class CameraSettings(Settings):
     @property
     def row_timing(self) -> Shutter:
         """When rows are exposed, and by which focal length."""
-        period = self.breathing_period * self.frame_rate
-        return Shutter(self.readout, self.shutter, self.breathing, period)
+        return Shutter(self.readout, self.shutter, self.breathing, 2.0 * self.frame_rate)
 
     @property
     def receipt(self) -> Receipt:
         """When images are received, and stamped."""
         return Receipt(self.stamp_delay, self.stamp_jitter, self.seed, self.readout)
 
-    def rig(self) -> FixedRig:
+    def rig(self) -> SimulatedRig:
         """Return what carries the camera."""
-        return FixedRig(self.camera, self.mount, self.jitter, self.seed, self.bumps)
+        return SimulatedRig(self.camera, self.mount, self.jitter, self.seed, self.bumps)
 
 
 RATE_S = 0.2  # for which a commanded rate holds
@@ -198,10 +197,8 @@ class HeadSettings(Settings):
     head_encoder_noise: float = internal(
         3e-4, 'Deviation of an angle that is read [rad]', low=0.0, high=0.1
     )
-    head_encoder_offset: float = internal(
-        0.0, 'Pan angle that is read where the head looks ahead [rad]', low=-0.5, high=0.5
-    )
     GONE: ClassVar[Mapping[str, Any]] = {
+        'head_encoder_offset': 0.0,
         'head_start_pan': 0.0,
         'head_tilt_limit': 0.6,
         'head_acceleration': 10.0,
@@ -234,8 +231,7 @@ class SimulatedHead:
         rng = np.random.default_rng((self._seed, 9, self._readings))
         self._readings += 1
         pan, tilt = (self.settings.head_encoder_noise * rng.standard_normal(2)).tolist()
-        offset = self.settings.head_encoder_offset
-        return Joints(self._angles[0] + offset + pan, self._angles[1] + tilt)
+        return Joints(self._angles[0] + pan, self._angles[1] + tilt)
 
     def command(self, command: HeadCommand | None) -> None:
         """Take ``command`` now; it counts after the delay; None leaves the one before."""
@@ -260,7 +256,7 @@ class SimulatedHead:
             pan, tilt = self._angles
             self._goals = [pan + RATE_S * command.pan_rate, tilt + RATE_S * command.tilt_rate]
         else:
-            self._goals = [command.pan - self.settings.head_encoder_offset, command.tilt]
+            self._goals = [command.pan, command.tilt]
 
     def _move(self, joint: int, goal: float, dt: float) -> None:
         """Move one joint towards ``goal`` for ``dt`` [s], so that it can stop there."""
@@ -273,52 +269,13 @@ class SimulatedHead:
         self._angles[joint] += self._rates[joint] * dt
 
 
-VIEWS = 15  # from end to end of a pan joint
-
-
-@dataclass(frozen=True, slots=True)
-class PanTiltRig(FixedRig):
-    """
-    A camera on a head, the pan axis at ``mount``; ``joints`` are the true angles [rad].
-
-    The photograph is taken at ``rest``: where encoders that are off by an offset read zero.
-    """
-
-    pan_limit: float = 0.0
-    rest: Joints = AT_REST
-    joints: Joints | None = None
-
-    @property
-    def views(self) -> tuple[FixedRig, ...]:
-        """The rig at rest, and panned from end to end."""
-        pans = np.linspace(-self.pan_limit, self.pan_limit, VIEWS).tolist()
-        return self, *(self.turned(Joints(pan)) for pan in pans)
-
-    def turned(self, joints: Joints) -> 'PanTiltRig':
-        """Return the rig with these joints."""
-        return replace(self, joints=joints)
-
-    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
-        """Return where the camera is; joints are at rest unless they were turned."""
-        joints = None if frame == DESIRED_FRAME else self.joints
-        return self.placed(pose, frame, joints or self.rest)
-
-
 @dataclass(frozen=True, kw_only=True)
 class PanTiltSettings(HeadSettings, CameraSettings):
     """A camera that a head turns, and the head, with its pan axis at the mount."""
 
-    def rig(self) -> PanTiltRig:
+    def rig(self) -> SimulatedRig:
         """Return the head that carries the camera."""
-        return PanTiltRig(
-            self.camera,
-            self.mount,
-            self.jitter,
-            self.seed,
-            self.bumps,
-            pan_limit=self.head_pan_limit,
-            rest=Joints(-self.head_encoder_offset),
-        )
+        return replace(super().rig(), pan_limit=self.head_pan_limit)
 
 
 # Settings of the camera on each rig, by its name; no two have a class in common.

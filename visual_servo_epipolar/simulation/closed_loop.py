@@ -11,11 +11,10 @@ from visual_servo_epipolar.core.geometry.motion import (
     Pose,
     quaternion_from_yaw,
     STANDSTILL,
-    Twist,
     yaw_from_quaternion,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.rigs.rig import Command, Joints
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Command
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.run_log import (
     MotionLimits,
@@ -31,28 +30,23 @@ from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import NANOSECONDS, period_ns, seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
-from visual_servo_epipolar.simulation.bases import LEVEL, Nod, Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases import Pioneer, PioneerSettings
 from visual_servo_epipolar.simulation.cameras import HeadSettings, SimulatedHead
-from visual_servo_epipolar.simulation.rigs import FixedRig, true_geometry
-from visual_servo_epipolar.simulation.sensor import BodyState, PoseHistory, Receipt
+from visual_servo_epipolar.simulation.rigs import SimulatedRig, true_geometry
+from visual_servo_epipolar.simulation.sensor import (
+    BodyState,
+    Motion,
+    PoseHistory,
+    Receipt,
+    STILL,
+)
 
 
-class MovingView(Protocol):
-    """A camera on a robot that moves."""
-
-    def turn(self, joints: Joints) -> None:
-        """Let the head that carries the camera have its joints at these angles from now on."""
-        raise ValueError(f'{type(self).__name__} has no head to turn; simulate a fixed rig')
-
-    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
-        """Let base and body move so while images are exposed; an instant shows the pitch alone."""
-
-
-class View(MovingView, Protocol):
+class View(Protocol):
     """What stands between the world and the servo: points, or images and a tracker."""
 
-    def observe(self, pose: Pose, frame: int) -> Features:
-        """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
+    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+        """Return the features seen in frame number ``frame``, which began at ``pose``."""
 
 
 WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
@@ -144,12 +138,12 @@ class RunMonitor:
         )
 
 
-def verdict(log: RunLog, rig: FixedRig) -> dict[str, Any]:
+def verdict(log: RunLog, rig: SimulatedRig) -> dict[str, Any]:
     """Return the verdict on a run: that of ``summarise``, and what only the world can measure."""
     return summarise(log) | {'wrong_geometry_s': wrong_geometry_s(log, rig)}
 
 
-def wrong_geometry_s(log: RunLog, rig: FixedRig) -> float:
+def wrong_geometry_s(log: RunLog, rig: SimulatedRig) -> float:
     """
     Return the time driven on a geometry more than 10 deg wrong [s].
 
@@ -164,7 +158,7 @@ def wrong_geometry_s(log: RunLog, rig: FixedRig) -> float:
     return time_ns / NANOSECONDS
 
 
-def _is_wrong(step: Sample, rig: FixedRig, frame: int) -> bool:
+def _is_wrong(step: Sample, rig: SimulatedRig, frame: int) -> bool:
     truth = true_geometry(rig, step.pose, frame)
     error = truth.error(step.bearing_current, step.bearing_desired)
     return truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
@@ -218,12 +212,11 @@ class DrivenBase:
         half_ns = round(0.5 * self._receipt.readout * NANOSECONDS)
         return self._history.at(self._exposed_ns + half_ns).pose
 
-    def show(self, view: MovingView) -> None:
-        """Let a camera look where the head has turned it to, and move as the base does."""
+    @property
+    def motion(self) -> Motion:
+        """Motion of the camera while that image is read out."""
         _, twist, nod = self._history.during(self._exposed_ns, self._receipt.readout)
-        view.move(twist, nod)
-        if self.head is not None:
-            view.turn(self.head.joints)
+        return Motion(twist, nod, AT_REST if self.head is None else self.head.joints)
 
     def drive(self, command: Command) -> None:
         """Obey a ``command`` until the next image is received."""
@@ -289,9 +282,9 @@ class Loop:
 
     def decide(self, control: Control | None = None) -> None:
         """Look, and let the servo take it in, or another ``control``."""
-        self.driven.show(self.view)
-        features = self.view.observe(self.driven.exposed_at, self.driven.frame)
-        seen = self._reckoned(observe(features, self.camera, self.driven.now_ns))
+        driven = self.driven
+        features = self.view.observe(driven.exposed_at, driven.frame, driven.motion)
+        seen = self._reckoned(observe(features, self.camera, driven.now_ns))
         if control is not None:
             state = control(self._run.state, seen, self._servo)
             self._run = replace(self._run, state=state)

@@ -8,27 +8,21 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.motion import (
-    DESIRED_POSE,
-    integrate,
-    Pose,
-    STANDSTILL,
-    Twist,
-)
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.bases import LEVEL, Nod
-from visual_servo_epipolar.simulation.closed_loop import View
+from visual_servo_epipolar.simulation.bases import LEVEL
 from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
+from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.sensor import (
     DESIRED_FRAME,
     INSTANT,
     interpolated,
     MAX_RAY,
+    Motion,
     Shutter,
+    STILL,
 )
 
 MIN_DEPTH_M = 0.3
@@ -57,7 +51,7 @@ class PointSettings(Settings):
             raise ValueError(f'near must be below far, got {self.near:g} and {self.far:g} m')
 
 
-class PointWorld(View):
+class PointWorld:
     """
     A cloud that fills the goal's image; ``observe`` gives what a good tracker would.
 
@@ -68,16 +62,15 @@ class PointWorld(View):
     def __init__(
         self,
         settings: PointSettings,
-        rig: FixedRig,
+        rig: SimulatedRig,
         *,
         seed: int,
         disturbances: Disturbances | None = None,
         shutter: Shutter = INSTANT,
     ) -> None:
         camera = rig.camera
-        self._shutter, self._twist, self._nod = shutter, STANDSTILL, LEVEL
         self.settings, self.rig, self.camera, self._seed = settings, rig, camera, seed
-        self._disturbances = disturbances
+        self._disturbances, self._shutter = disturbances, shutter
         rng = np.random.default_rng((seed, 2))
         pixels = _pixels_with_rays(camera, settings.candidates, rng)
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
@@ -87,17 +80,9 @@ class PointWorld(View):
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
         self._block, self._noises = -1, np.empty((0, *pixels.shape))
 
-    def turn(self, joints: Joints) -> None:
-        """Let the head have its joints at these angles."""
-        self.rig = self.rig.turned(joints)
-
-    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
-        """Let base and body move so while rows are read out."""
-        self._twist, self._nod = twist, nod
-
-    def observe(self, pose: Pose, frame: int) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
-        pixels, visible = self.project(pose, frame)
+        pixels, visible = self.project(pose, frame, motion)
         return self.tracked(pixels, visible, frame)
 
     def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
@@ -116,22 +101,25 @@ class PointWorld(View):
             errors=np.zeros(len(ids)),
         )
 
-    def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
+    def project(
+        self, pose: Pose, frame: int = DESIRED_FRAME, motion: Motion = STILL
+    ) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        return self.rolling(self.seen(pose, frame), self._shutter.zoom(frame))
+        return self.rolling(self.seen(pose, frame, motion), self._shutter.zoom(frame))
 
-    def seen(self, pose: Pose, frame: int) -> FloatArray:
+    def seen(self, pose: Pose, frame: int, motion: Motion = STILL) -> FloatArray:
         """
         Return the points in axes of the camera, shape (M, N, 3).
 
         M = 3 are at the readout of the first, the middle and the last row, 1 where rows share it.
         """
+        twist, nod, joints = motion
         rolls = self._shutter.readout > 0.0 and frame != DESIRED_FRAME
         times = [self._shutter.readout * share for share in (0.0, 0.5, 1.0)] if rolls else [0.0]
-        poses = [integrate(pose, self._twist, time) if time else pose for time in times]
-        places = [self.rig.camera_pose(pose, frame) for pose in poses]
-        if self._nod != LEVEL and frame != DESIRED_FRAME:
-            pitches = [self._nod.pitch + self._nod.rate * time for time in times]
+        poses = [integrate(pose, twist, time) if time else pose for time in times]
+        places = [self.rig.camera_pose(pose, frame, joints) for pose in poses]
+        if nod != LEVEL:
+            pitches = [nod.pitch + nod.rate * time for time in times]
             places = [pitched(*each) for each in zip(places, poses, pitches, strict=True)]
         return np.stack([(self.points - centre) @ axes for axes, centre in places])
 

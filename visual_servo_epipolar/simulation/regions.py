@@ -6,20 +6,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.rigs.rig import Joints
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, StartRegion
-from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.sensor import Motion
 from visual_servo_epipolar.simulation.views import points_of
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
@@ -39,7 +39,7 @@ class Ground:
     that reaches down to the robot is in the way.
     """
 
-    def __init__(self, scene: Scene, rig: FixedRig) -> None:
+    def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self._rig = rig
         height = float(rig.camera_pose(DESIRED_POSE).centre[2])
         level = np.ptp(scene.corners[..., 2], axis=1) < LEVEL
@@ -112,7 +112,10 @@ def _conditions(region: StartRegion, scenario: Scenario, source: str) -> list[Co
             return []
         world = points_of(scenario, scenario.camera.seed)
         return [
-            lambda pose: _is_any(world, lambda frame: int(world.project(pose, frame)[1].sum()))
+            lambda pose: any(
+                int(world.project(pose, motion=Motion(joints=joints))[1].sum()) >= LEAST_FEATURES
+                for joints in world.rig.gazes
+            )
         ]
     camera = replace(scenario.camera, seed=0)  # one scene serves all runs
     light = scenario.light.photograph_light
@@ -120,19 +123,6 @@ def _conditions(region: StartRegion, scenario: Scenario, source: str) -> list[Co
     if not region.in_view:
         return [scenery.ground.is_free]
     return [scenery.ground.is_free, scenery.is_seen]
-
-
-def _is_any(world: PointWorld | Renderer, count: Callable[[int], int]) -> bool:
-    """Return whether enough features are in view, by their ``count``, wherever a head looks."""
-    rig, frame = world.rig, DESIRED_FRAME
-    try:
-        for world.rig in rig.views:
-            if count(frame) >= LEAST_FEATURES:
-                return True
-            frame = 0  # of a head that is turned: the photograph's is at rest
-        return False
-    finally:
-        world.rig = rig
 
 
 @lru_cache(maxsize=4)
@@ -150,16 +140,16 @@ class _Scenery:
         self._points = points[np.isfinite(points).all(axis=1)]
 
     def is_seen(self, pose: Pose) -> bool:
-        """Return whether enough of the goal's features can be seen."""
-        return _is_any(self._renderer, lambda frame: int(self._unhidden(pose).sum()))
+        """Return whether enough of the goal's features can be seen, wherever a head looks."""
+        return any(self._shows(pose, joints) for joints in self._renderer.rig.gazes)
 
-    def _unhidden(self, pose: Pose) -> BoolArray:
-        """Return which of the goal's features are in view, shape (N,)."""
-        pixels, visible = self._renderer.project(self._points, pose)
-        if int(visible.sum()) >= LEAST_FEATURES:  # else too few even if nothing hides them
-            points = self._points[visible]
-            visible[visible] = self._renderer.unhidden(points, pixels[visible], pose)
-        return visible
+    def _shows(self, pose: Pose, joints: Joints) -> bool:
+        pixels, visible = self._renderer.project(self._points, pose, joints=joints)
+        if int(visible.sum()) < LEAST_FEATURES:  # too few even if nothing hides them
+            return False
+        points = self._points[visible]
+        seen = self._renderer.unhidden(points, pixels[visible], pose, joints)
+        return int(seen.sum()) >= LEAST_FEATURES
 
 
 def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:

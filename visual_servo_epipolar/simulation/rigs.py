@@ -42,6 +42,7 @@ def pitched(camera: CameraPose, pose: Pose, pitch: float) -> CameraPose:
     return leaned(camera, pose, (-pitch * sin, pitch * cos, 0.0))
 
 
+VIEWS = 15  # of a head from end to end of its pan joint
 BLOCK = 64  # frames drawn at once: starting a random generator costs more than drawing
 WAVES, WAVELENGTHS_M = 4, (1.2, 2.4)  # of a floor: 5 mm lean a robot by up to 1 to 1.5 deg
 
@@ -139,12 +140,13 @@ def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraP
 
 
 @dataclass(frozen=True, slots=True)
-class FixedRig:
+class SimulatedRig:
     """
     A camera on its mount, on a floor with ``jitter`` [rad] and ``bumps`` [m], both seeded.
 
-    All that a rig does follows from pose and frame: -1 of the photograph, with joints at rest, 0,
-    1, ...; or None, a level floor that shakes nothing.
+    A head, whose axes meet at the mount, turns it to either side by ``pan_limit`` [rad] at most.
+    All that a rig does follows from pose, joints and frame: -1 of the photograph, 0, 1, ...; or
+    None, a level floor that shakes nothing.
     """
 
     camera: CameraModel
@@ -152,22 +154,20 @@ class FixedRig:
     jitter: float = 0.0
     seed: int = 0
     bumps: float = 0.0
+    pan_limit: float = 0.0
 
     @property
-    def views(self) -> tuple['FixedRig', ...]:
-        """The rig as joints may turn it, closely enough that nothing is seen in between alone."""
-        return (self,)
+    def gazes(self) -> tuple[Joints, ...]:
+        """The joints of a head, so closely that nothing is seen in between alone; rest first."""
+        if self.pan_limit == 0.0:
+            return (AT_REST,)
+        pans = np.linspace(-self.pan_limit, self.pan_limit, VIEWS).tolist()
+        return AT_REST, *map(Joints, pans)
 
-    def turned(self, joints: Joints) -> 'FixedRig':
-        """Return the rig as it is: no joint turns it."""
-        return self
-
-    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
-        """Return where the camera is with the robot at ``pose``; frame None is a level floor."""
-        return self.placed(pose, frame, AT_REST)
-
-    def placed(self, pose: Pose, frame: int | None, joints: Joints) -> CameraPose:
-        """Return where the camera is, turned by ``joints`` below it."""
+    def camera_pose(
+        self, pose: Pose, frame: int | None = None, joints: Joints = AT_REST
+    ) -> CameraPose:
+        """Return where the camera is with the robot at ``pose``, turned by ``joints`` below it."""
         tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
         panned = Pose(pose.x, pose.y, pose.theta + joints.pan)
         axes = self.mount.R_world_camera(panned, tilt=joints.tilt + tilt, roll=roll)
@@ -195,7 +195,7 @@ class TrueGeometry(NamedTuple):
         return max(map(abs, errors))
 
 
-def true_geometry(rig: FixedRig, pose: Pose, frame: int | None = None) -> TrueGeometry:
+def true_geometry(rig: SimulatedRig, pose: Pose, frame: int | None = None) -> TrueGeometry:
     """Return the geometry of the view from ``pose`` in ``frame`` and of the photograph."""
     (x, y), heading = _upright(rig, pose, frame)
     (goal_x, goal_y), goal_heading = _upright(rig, DESIRED_POSE, DESIRED_FRAME)
@@ -207,7 +207,9 @@ def true_geometry(rig: FixedRig, pose: Pose, frame: int | None = None) -> TrueGe
     )
 
 
-def _upright(rig: FixedRig, pose: Pose, frame: int | None) -> tuple[tuple[float, float], float]:
+def _upright(
+    rig: SimulatedRig, pose: Pose, frame: int | None
+) -> tuple[tuple[float, float], float]:
     """Return place [m] and heading [rad] of the upright camera that looks as the true one does."""
     axes, centre = rig.camera_pose(pose, frame)
     return (float(centre[0]), float(centre[1])), math.atan2(axes[1, 2], axes[0, 2])

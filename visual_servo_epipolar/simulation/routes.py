@@ -236,8 +236,8 @@ def teach(
     poses: list[Pose] = []
     rest = REST_FRAMES
     while rest:
-        driven.show(simulator)
-        image, odometry = simulator.capture(driven.exposed_at, driven.frame), driven.base.odometry
+        image = simulator.capture(driven.exposed_at, driven.frame, driven.motion)
+        odometry = driven.base.odometry
         teacher.add(image, driven.now_ns, odometry)
         watch(image, driven.now_ns, odometry)
         poses.append(driven.shown)
@@ -360,8 +360,7 @@ def repeat(
     limit_s, lap = settings.laps * lap_s, 1
     while rest and driven.now_ns < limit_s * NANOSECONDS:
         pose, stamp_ns = driven.shown, driven.now_ns
-        driven.show(simulator)
-        image = simulator.capture(driven.exposed_at, driven.frame)
+        image = simulator.capture(driven.exposed_at, driven.frame, driven.motion)
         step = run.step(image, stamp_ns)
         watch(image, pose, step)
         if step.progress is not None:

@@ -9,7 +9,14 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
-from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import (
+    integrate,
+    motion_between,
+    Pose,
+    STANDSTILL,
+    Twist,
+)
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 
@@ -143,6 +150,17 @@ class Receipt(NamedTuple):
         if self.jitter > 0.0:
             chance = float(np.random.default_rng((self.seed, 8, frame)).standard_normal())
         return round(max(self.delay + self.jitter * chance, self.readout) * NANOSECONDS)
+
+
+class Motion(NamedTuple):
+    """How base and body move while rows are exposed, and the joints of a head, which stand."""
+
+    twist: Twist = STANDSTILL
+    nod: Nod = LEVEL
+    joints: Joints = AT_REST
+
+
+STILL = Motion()
 
 
 class BodyState(NamedTuple):

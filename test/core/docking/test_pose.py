@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.odometry.path import PathPlace
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 
 SETTINGS = DockPoseSettings(path_deviation=NOISE, floor_jitter=1e-4, pixel_noise=0.2, **EXACT)
 RUNS, FRAMES = 24, 14
@@ -147,7 +147,7 @@ def place_after(search, **changes):
 def test_what_goes_together_no_more_is_forgotten(known, what) -> None:
     search, pose = known
     leapt = what == 'odometry that leapt'
-    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)
+    world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=7)
     search = look(search, pose, world, place_after(search), goal=1)
     assert search.dock is not None
     after = look(search, pose, world, place_after(search, epoch=int(leapt)), goal=2 - leapt)
@@ -160,7 +160,7 @@ def test_without_features_there_is_no_pose_and_it_comes_back_with_them(known) ->
     none = update_search(search, observe(Features(), CAMERA, 1), place_after(search), SETTINGS)
     assert none.dock is None
     assert 'features' in none.reason
-    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)
+    world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=7)
     assert look(none, pose, world, place_after(search)).dock is not None
 
 
@@ -168,7 +168,7 @@ def test_what_is_out_of_view_for_a_bend_is_remembered(known) -> None:
     search, start = known
     told, world = (
         Pose(*search.last.pose.tolist()),
-        PointWorld(PointSettings(), FixedRig(CAMERA), seed=7),
+        PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=7),
     )
     pose, place = start, search.last
     for angular in (*[-1.2] * 8, *[1.2] * 8):  # to the right and back, 1.3 m ahead in all
@@ -186,7 +186,7 @@ def test_what_is_out_of_view_for_a_bend_is_remembered(known) -> None:
 def test_odometry_that_lies_is_found_out(known) -> None:
     # It says that the base stood, while it went on by 30 cm.
     search, pose = known
-    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)
+    world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=7)
     ahead = Pose(pose.x - 0.1, pose.y + 0.3, pose.theta)
     place = place_after(search)
     for _ in range(12):

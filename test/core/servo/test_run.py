@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 
 MOVE = Command(Twist(0.2, 0.1))
 
@@ -90,7 +90,7 @@ def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
 def test_without_the_angles_of_its_head_a_robot_stands(told: bool) -> None:
     settings = ServoSettings(law='smooth', rig='pan_tilt')
     camera = CameraSettings().camera
-    world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
+    world = PointWorld(PointSettings(), SimulatedRig(camera), seed=0)
     session = Run(camera=camera, started=True)
     for number in range(4):
         features = world.observe(Pose.from_start(1.0, -3.5, 8.0), number)

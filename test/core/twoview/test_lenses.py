@@ -27,9 +27,9 @@ from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.rolling_shutter import base_axes, RollingShutter
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.simulation.sensor import Shutter
+from visual_servo_epipolar.simulation.sensor import Motion, Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 SIZE = {'width': 1280, 'height': 1024}
@@ -160,11 +160,10 @@ def driven(
 
 @pytest.mark.parametrize('tilt', [0.0, 0.2])
 def test_rows_of_a_camera_that_turns_are_put_back_to_one_instant(tilt: float) -> None:
-    rig, twist, readout = FixedRig(CAMERA, CameraMount(tilt=tilt)), Twist(0.0, 1.0), 0.033
+    rig, twist, readout = SimulatedRig(CAMERA, CameraMount(tilt=tilt)), Twist(0.0, 1.0), 0.033
     exact = PointSettings(noise=0.0)
     rolling = PointWorld(exact, rig, seed=0, shutter=Shutter(readout))
-    rolling.move(twist)
-    seen = observe(rolling.observe(DESIRED_POSE, 0), CAMERA, 0)
+    seen = observe(rolling.observe(DESIRED_POSE, 0, Motion(twist)), CAMERA, 0)
     then = integrate(DESIRED_POSE, twist, 0.5 * readout)
     expected = observe(PointWorld(exact, rig, seed=0).observe(then, 0), CAMERA, 0)
     _, here, there = np.intersect1d(seen.ids, expected.ids, return_indices=True)
@@ -202,13 +201,13 @@ def test_a_readout_that_was_told_wrong_is_estimated() -> None:
 
 def test_a_base_that_turns_to_and_fro_from_image_to_image_shows_in_the_rows() -> None:
     readout, rates = 0.033, [0.3 * (-1) ** number for number in range(20)]
-    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0, shutter=Shutter(readout))
+    world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=0, shutter=Shutter(readout))
     shutter, axes = RollingShutter(), base_axes(0.0, 0.0, 0.0)
     for number, rate in enumerate(rates):
-        world.move(Twist(0.0, rate))
         # In between it turns there and back, so that the middle rows are alike.
-        pose = integrate(DESIRED_POSE, Twist(0.0, rate), -0.5 * readout)
-        seen = observe(world.observe(pose, number), CAMERA, number * 66_666_667)
+        motion = Motion(Twist(0.0, rate))
+        pose = integrate(DESIRED_POSE, motion.twist, -0.5 * readout)
+        seen = observe(world.observe(pose, number, motion), CAMERA, number * 66_666_667)
         shutter = shutter.updated(seen, axes, readout)
     assert abs(shutter.rate.mean) < 0.05
     assert shutter.rate.now == pytest.approx(rates[-1], abs=0.08)

@@ -22,7 +22,7 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 
 OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)
 CHANGED = 'camera_info has changed in mid-run: fx 769.2 -> 1000, fy 769.2 -> 1000, rays'
@@ -139,7 +139,7 @@ def test_another_camera_begins_a_new_run_after_a_reset(bench) -> None:
     rig = Rig(bench).drive()
     rig.hear(OTHER)
     bench.call('servo_node/reset')
-    rig.world = PointWorld(PointSettings(), FixedRig(OTHER), seed=0)
+    rig.world = PointWorld(PointSettings(), SimulatedRig(OTHER), seed=0)
     rig.drive()
 
 

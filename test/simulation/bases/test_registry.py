@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     Pose,
     Twist,
 )
-from visual_servo_epipolar.core.rigs.rig import Command
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Command, Joints
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.simulation.bases import Pioneer, PioneerSettings, SIMULATED_BASES
@@ -95,7 +95,9 @@ class PannedRig:
     camera: Camera
     pan: float
 
-    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
+    def camera_pose(
+        self, pose: Pose, frame: int | None = None, joints: Joints = AT_REST
+    ) -> CameraPose:
         panned, mount = replace(pose, theta=pose.theta + self.pan), CameraMount()
         return CameraPose(mount.R_world_camera(panned), mount.centre(pose))
 

@@ -20,11 +20,10 @@ from visual_servo_epipolar.simulation.cameras import (
 )
 from visual_servo_epipolar.simulation.rigs import (
     CameraMount,
-    FixedRig,
     floor_jitter,
     leaned,
+    SimulatedRig,
 )
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
 
@@ -84,7 +83,7 @@ def test_jitter_has_the_deviation_asked_for_in_both_angles() -> None:
 
 @given(poses(), st.integers(0, 1000))
 def test_bumps_lean_the_robot_by_their_slope_wherever_it_looks(pose: Pose, seed: int) -> None:
-    rig = FixedRig(CAMERA, CameraMount(height=0.0), seed=seed, bumps=0.005)
+    rig = SimulatedRig(CAMERA, CameraMount(height=0.0), seed=seed, bumps=0.005)
 
     def height(right: float, ahead: float) -> float:
         sin, cos = math.sin(pose.theta), math.cos(pose.theta)
@@ -101,7 +100,7 @@ def test_bumps_lean_the_robot_by_their_slope_wherever_it_looks(pose: Pose, seed:
 
 
 def test_a_camera_above_the_axle_moves_as_the_robot_leans() -> None:
-    upright = FixedRig(CAMERA, CameraMount(height=0.6)).camera_pose(DESIRED_POSE)
+    upright = SimulatedRig(CAMERA, CameraMount(height=0.6)).camera_pose(DESIRED_POSE)
     nods = leaned(upright, DESIRED_POSE, (-0.01, 0.0, 0.0))
     np.testing.assert_allclose(nods.centre, [0.0, 0.006, 0.6], atol=1e-4)
     assert nods.R_world_camera[2, 2] == pytest.approx(-0.01, abs=1e-5)
@@ -148,20 +147,10 @@ def test_it_stops_at_its_limits() -> None:
     )
 
 
-def test_an_encoder_is_off_and_the_head_with_it() -> None:
-    settings = PanTiltSettings(head_encoder_offset=0.05, head_encoder_noise=0.0)
-    head = SimulatedHead(settings, seed=4)
-    head.command(HeadCommand(pan=0.4))
-    head.advance(3000 * MS)
-    assert head.read().pan == pytest.approx(0.4, abs=1e-6)
-    assert head.joints.pan == pytest.approx(0.35, abs=1e-6)
-
-
-def test_the_photograph_is_taken_where_encoders_read_zero() -> None:
-    rig = PanTiltSettings(head_encoder_offset=0.05).rig()
-    photograph = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME).R_world_camera
-    turned = rig.turned(Joints(-0.05)).camera_pose(DESIRED_POSE).R_world_camera
-    np.testing.assert_array_equal(photograph, turned)
+def test_a_head_turns_the_camera_about_the_mount() -> None:
+    rig, panned = PanTiltSettings(tilt=0.1).rig(), CameraMount(tilt=0.1, yaw=-0.05)
+    turned = rig.camera_pose(DESIRED_POSE, joints=Joints(-0.05)).R_world_camera
+    np.testing.assert_array_equal(turned, panned.R_world_camera(DESIRED_POSE))
 
 
 def test_readings_repeat_with_the_seed() -> None:

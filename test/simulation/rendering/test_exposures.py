@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTI
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
+from visual_servo_epipolar.simulation.sensor import Motion
 
 SMALL = CameraSettings(
     width=160, height=128, focal_length=96.2, principal_u=79.2, principal_v=63.8, noise=0.0
@@ -21,9 +22,7 @@ HERE, READOUT = Pose.from_start(0.4, -2.0, 8.0), 0.033
 def taken(
     settings: CameraSettings, twist: Twist = STANDSTILL, pose: Pose = HERE, nod: Nod = LEVEL
 ) -> np.ndarray:
-    camera = CameraSimulator(settings)
-    camera.move(twist, nod)
-    return camera.capture(pose, 0).astype(float)
+    return CameraSimulator(settings).capture(pose, 0, Motion(twist, nod)).astype(float)
 
 
 @pytest.mark.parametrize('settings', [SMALL, BARREL, FISHEYE], ids=['pinhole', 'barrel', 'wide'])
@@ -73,8 +72,7 @@ def test_at_rest_or_in_an_instant_the_image_is_the_same_to_the_bit(changes) -> N
 
 
 def test_a_focus_that_breathes_scales_the_image() -> None:
-    # A quarter of the period after frame 0.
-    settings = replace(SMALL, breathing=0.05, breathing_period=4.0 / SMALL.frame_rate)
+    settings = replace(SMALL, breathing=0.05, frame_rate=2.0)  # frame 1: a quarter of its period
     image, rest = (CameraSimulator(settings).capture(HERE, frame) for frame in (1, 0))
     np.testing.assert_array_equal(rest, taken(SMALL))
     misses = [

@@ -19,7 +19,7 @@ from visual_servo_epipolar.simulation.rendering.raster import (
 )
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(640, 480, 385.0, 385.0, 317.5, 240.0)
@@ -74,11 +74,11 @@ def centroids(image: np.ndarray, pixels: np.ndarray, reach: int = 7) -> np.ndarr
 
 @pytest.fixture(scope='module')
 def furnished() -> Renderer:
-    return Renderer(room(0), FixedRig(CAMERA))
+    return Renderer(room(0), SimulatedRig(CAMERA))
 
 
 def test_axes_are_right_down_and_ahead() -> None:
-    renderer = Renderer(Scene((wall(dots(), 4.0),)), FixedRig(CAMERA))
+    renderer = Renderer(Scene((wall(dots(), 4.0),)), SimulatedRig(CAMERA))
     points = np.array([[0.0, 4.0, 0.6], [1.0, 4.0, 0.6], [0.0, 4.0, 0.1], [0.0, -1.0, 0.6]])
     pixels, visible = renderer.project(points, DESIRED_POSE)
     np.testing.assert_allclose(
@@ -90,7 +90,7 @@ def test_axes_are_right_down_and_ahead() -> None:
 def test_looking_down_lifts_the_image_and_a_clockwise_roll_turns_it_back() -> None:
     scene, right = Scene((wall(dots(), 4.0),)), np.array([[1.0, 4.0, 0.6]])
     level, tilted, rolled = (
-        Renderer(scene, FixedRig(CAMERA, mount)).project(right, DESIRED_POSE)[0]
+        Renderer(scene, SimulatedRig(CAMERA, mount)).project(right, DESIRED_POSE)[0]
         for mount in (CameraMount(), CameraMount(tilt=0.1), CameraMount(roll=0.1))
     )
     assert tilted[0, 1] < level[0, 1] - 30.0
@@ -100,7 +100,7 @@ def test_looking_down_lifts_the_image_and_a_clockwise_roll_turns_it_back() -> No
 @pytest.mark.parametrize('camera', (CAMERA, LENS))
 @pytest.mark.parametrize('pose', POSES)
 def test_traced_points_project_to_their_pixels(camera: Camera, pose: Pose) -> None:
-    renderer = Renderer(Scene((wall(dots(), 4.0, half=20.0),)), FixedRig(camera, TURNED))
+    renderer = Renderer(Scene((wall(dots(), 4.0, half=20.0),)), SimulatedRig(camera, TURNED))
     u, v = np.meshgrid(np.linspace(5.0, 630.0, 9), np.linspace(5.0, 470.0, 7))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     points = renderer.trace(pixels, pose)
@@ -115,7 +115,7 @@ def test_traced_points_project_to_their_pixels(camera: Camera, pose: Pose) -> No
 @pytest.mark.parametrize('pose', POSES[:4])
 def test_spots_are_imaged_where_the_pinhole_model_says(camera: Camera, pose: Pose) -> None:
     # A spot of 1 cm is at most a fiftieth of a pixel off its middle's image by perspective.
-    renderer = Renderer(Scene((wall(dots(), 3.6),)), FixedRig(camera, TURNED))
+    renderer = Renderer(Scene((wall(dots(), 3.6),)), SimulatedRig(camera, TURNED))
     image = renderer.render(pose)
     pixels, visible = renderer.project(dot_points(3.6), pose)
     pixels = pixels[visible & camera.contains(pixels, margin=10.0)]
@@ -131,7 +131,7 @@ def test_spots_are_imaged_where_the_pinhole_model_says(camera: Camera, pose: Pos
 def test_the_edges_of_a_surface_lie_between_pixels(pose: Pose) -> None:
     dark, bright = np.full((64, 64), 40, np.uint8), np.full((64, 64), 240, np.uint8)
     scene = Scene((wall(dark, 5.0, half=30.0), wall(bright, 3.0, name='panel', half=0.5)))
-    renderer = Renderer(scene, FixedRig(CAMERA, TURNED))
+    renderer = Renderer(scene, SimulatedRig(CAMERA, TURNED))
     image = renderer.render(pose).astype(float)
     corners, _ = renderer.project(scene.corners[1], pose)
     after = np.roll(corners, -1, axis=0)
@@ -148,7 +148,7 @@ def test_the_edges_of_a_surface_lie_between_pixels(pose: Pose) -> None:
 
 def test_paint_too_fine_to_see_is_grey() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (4000, 1000), dtype=np.uint8)
-    renderer = Renderer(Scene((wall(noise, 8.0, half=1.0),)), FixedRig(CAMERA))
+    renderer = Renderer(Scene((wall(noise, 8.0, half=1.0),)), SimulatedRig(CAMERA))
     image = renderer.render(Pose(0.0, -8.0, math.pi / 2.0))
     assert image[225:255, 305:330].std() < 15.0
 
@@ -172,7 +172,7 @@ def test_the_room_fills_the_image(furnished: Renderer, pose: Pose) -> None:
 def test_a_lens_that_cannot_be_undone_everywhere_is_drawn() -> None:
     # OpenCV 4.6 has no ray for a fifth of its pixels.
     lens = Camera(64, 48, 40.0, 40.0, 31.25, 23.5, (0.1,) * 8, 'rational_polynomial')
-    image = Renderer(room(0), FixedRig(lens)).render(DESIRED_POSE)
+    image = Renderer(room(0), SimulatedRig(lens)).render(DESIRED_POSE)
     assert image.shape == (48, 64)
     assert image[24, 32] > 0
 
@@ -199,7 +199,7 @@ def test_a_small_step_changes_little(furnished: Renderer) -> None:
 def test_spots_are_imaged_where_the_lens_says(turn: str) -> None:
     heading, tilt = np.radians(TURNS[turn])
     scene = Scene((wall(dots(sigma=5.0), 3.6),))
-    renderer = Renderer(scene, FixedRig(FISHEYE, CameraMount(tilt=tilt)))
+    renderer = Renderer(scene, SimulatedRig(FISHEYE, CameraMount(tilt=tilt)))
     pose = Pose(0.0, 0.0, math.pi / 2.0 + heading)
     pixels, visible = renderer.project(dot_points(3.6), pose)
     pixels = pixels[visible & FISHEYE.contains(pixels, margin=10.0)]
@@ -210,7 +210,7 @@ def test_spots_are_imaged_where_the_lens_says(turn: str) -> None:
 
 
 def test_what_a_fisheye_traces_is_projected_where_it_came_from(furnished: Renderer) -> None:
-    renderer = Renderer(furnished.scene, FixedRig(FISHEYE, CameraMount(tilt=0.05, roll=-0.08)))
+    renderer = Renderer(furnished.scene, SimulatedRig(FISHEYE, CameraMount(tilt=0.05, roll=-0.08)))
     u, v = np.meshgrid(np.linspace(1.0, 958.0, 25), np.linspace(1.0, 766.0, 19))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     rays = FISHEYE.rays(pixels)
@@ -225,7 +225,7 @@ def test_what_a_fisheye_traces_is_projected_where_it_came_from(furnished: Render
 
 
 def test_the_room_fills_the_image_of_a_fisheye_without_seams(furnished: Renderer) -> None:
-    image = Renderer(furnished.scene, FixedRig(FISHEYE)).render(DESIRED_POSE)
+    image = Renderer(furnished.scene, SimulatedRig(FISHEYE)).render(DESIRED_POSE)
     assert (image > 0).mean() > 0.99
     # A seam would be a line of pixels that are unlike both neighbours.
     grid = np.stack(np.meshgrid(np.arange(960.0), np.arange(768.0)), axis=-1)
@@ -238,6 +238,6 @@ def test_the_room_fills_the_image_of_a_fisheye_without_seams(furnished: Renderer
 
 def test_a_lens_that_sees_a_part_alone_is_black_beyond(furnished: Renderer) -> None:
     folding = Equidistant(960, 768, 300.0, 300.0, 480.0, 383.0, (-0.12, 0.0, 0.0, 0.0))
-    image = Renderer(furnished.scene, FixedRig(folding)).render(DESIRED_POSE)
+    image = Renderer(furnished.scene, SimulatedRig(folding)).render(DESIRED_POSE)
     assert image[383, 480] > 0
     assert image[0, 0] == 0

@@ -16,7 +16,7 @@ from visual_servo_epipolar.simulation.rendering.raster import (
     Strip,
 )
 from visual_servo_epipolar.simulation.rendering.surfaces import _blur, LENS_SIGMA
-from visual_servo_epipolar.simulation.rigs import CameraMount, FixedRig
+from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 
@@ -48,7 +48,7 @@ def test_each_axis_is_blur_by_its_own_gaussian(sigma_u: float, sigma_v: float) -
 
 
 LARGE = Camera(320, 240, 192.3, 192.3, 158.6, 119.9)
-RIG = FixedRig(LARGE, CameraMount(tilt=0.05, roll=-0.03))
+RIG = SimulatedRig(LARGE, CameraMount(tilt=0.05, roll=-0.03))
 POSES = (
     DESIRED_POSE,
     Pose(-1.2, -4.0, math.radians(65.0)),

@@ -12,7 +12,7 @@ from visual_servo_epipolar.simulation.light import CEILING, LIGHTS, UNCHANGED
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
-from visual_servo_epipolar.simulation.rigs import FixedRig
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.rooms.building import Builder
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.rooms.storey import (
@@ -34,7 +34,7 @@ def rooms() -> dict[int, Scene]:
 
 def keypoint_places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels of what SIFT finds from the goal, and the world points there."""
-    renderer = Renderer(scene, FixedRig(CAMERA))
+    renderer = Renderer(scene, SimulatedRig(CAMERA))
     keypoints = cv2.SIFT_create().detect(renderer.render(DESIRED_POSE), None)
     pixels = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64)
     return pixels, renderer.trace(pixels, DESIRED_POSE)
@@ -195,7 +195,7 @@ def test_of_all_surfaces_the_nearest_is_drawn(rooms, storey, camera: Camera, pos
     scene, off = rooms[0], 1e-6
     if camera is SMALL:
         scene, off = storey_look(storey, LIGHTS[CEILING], UNCHANGED), 0.02
-    rig, size = FixedRig(camera), (camera.width, camera.height)
+    rig, size = SimulatedRig(camera), (camera.width, camera.height)
     axes, centre = rig.camera_pose(pose)
     raster = rasterize(scene, PinholeView(*size, camera.matrix, centre, axes))
     u, v = (np.random.default_rng(0).uniform(2.0, each - 3.0, 400).round() for each in size)

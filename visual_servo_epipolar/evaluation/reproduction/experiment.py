@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, seconds, summarise
@@ -38,12 +38,13 @@ from visual_servo_epipolar.report.style import (
     FIGURE_SETTINGS,
     INK,
 )
-from visual_servo_epipolar.simulation.bases import LEVEL, Nod, PioneerSettings
+from visual_servo_epipolar.simulation.bases import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
+from visual_servo_epipolar.simulation.sensor import Motion, STILL
 from visual_servo_epipolar.simulation.views import points_of
 
 FEATURES = 26
@@ -101,7 +102,7 @@ def experiment_scenario(seed: int = 0, **changes: Any) -> Scenario:
     ).seeded(seed)
 
 
-class SparseView(View):
+class SparseView:
     """
     A view of a few features, chosen as the paper's authors chose theirs.
 
@@ -114,13 +115,9 @@ class SparseView(View):
         self._ids: IntArray = np.empty(0, np.int64)
         self.history: list[Features] = []
 
-    def move(self, twist: Twist, nod: Nod = LEVEL) -> None:
-        """Let base and body move so while images are exposed."""
-        self._view.move(twist, nod)
-
-    def observe(self, pose: Pose, frame: int) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
         """Return the few features visible from ``pose``."""
-        features = self._view.observe(pose, frame)
+        features = self._view.observe(pose, frame, motion)
         sparse = well_spread(features, self._ids, self._count)
         self._ids = sparse.ids
         self.history.append(sparse)

@@ -13,11 +13,12 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.simulation.bases import LEVEL, Nod
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
+from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rigs import FixedRig, pitched
-from visual_servo_epipolar.simulation.sensor import MAX_RAY, Shutter
+from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.sensor import MAX_RAY, Motion, Shutter, STILL
 
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
 BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
@@ -48,18 +49,26 @@ class Renderer:
     Images of ``scene`` through the camera of a robot; equal inputs give equal bits.
 
     ``rig`` may be replaced by another with an equal camera, ``scene`` by one in another light.
-    ``pose`` is the robot's, and ``frame`` that for which the rig is asked where the camera is.
+    ``pose`` is the robot's, and ``frame`` that for which the rig is asked where the camera is:
+    the floor is level for all but images.
     """
 
-    def __init__(self, scene: Scene, rig: FixedRig) -> None:
+    def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
-        self.pitch = 0.0  # of the body in what is rendered, nose down [rad]
         self._faces = list(_faces(rig.camera))
 
-    def render(self, pose: Pose, frame: int | None = None) -> Image:
-        """Return the image taken from ``pose``, shape (H, W); black where nothing is seen."""
-        place = self.rig.camera_pose(pose, frame)
-        axes, centre = pitched(place, pose, self.pitch) if self.pitch else place
+    def render(
+        self, pose: Pose, frame: int | None = None, motion: Motion = STILL, time: float = 0.0
+    ) -> Image:
+        """
+        Return the image taken ``time`` [s] after the robot was at ``pose``, shape (H, W).
+
+        It is that of an instant of the ``motion``, and black where nothing is seen.
+        """
+        pose = integrate(pose, motion.twist, time) if time else pose
+        place = self.rig.camera_pose(pose, frame, motion.joints)
+        pitch = motion.nod.pitch + motion.nod.rate * time
+        axes, centre = pitched(place, pose, pitch) if pitch else place
         image: Image = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
         for face in self._faces:
             view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
@@ -74,7 +83,7 @@ class Renderer:
         return image
 
     def project(
-        self, points: FloatArray, pose: Pose, frame: int | None = None
+        self, points: FloatArray, pose: Pose, frame: int | None = None, joints: Joints = AT_REST
     ) -> tuple[FloatArray, BoolArray]:
         """
         Project world ``points`` [m], shape (N, 3), whether or not something hides them.
@@ -82,7 +91,7 @@ class Renderer:
         Returns pixels, shape (N, 2), nan for what the lens does not see, and which points it sees
         within the image, shape (N,).
         """
-        axes, centre = self.rig.camera_pose(pose, frame)
+        axes, centre = self.rig.camera_pose(pose, frame, joints)
         vectors = (np.asarray(points, dtype=np.float64) - centre) @ axes
         pixels = np.full((len(vectors), 2), np.nan)
         planar = self.camera.planar
@@ -95,13 +104,13 @@ class Renderer:
             pixels[ahead] = planar.pixels_of(vectors[ahead, :2] / vectors[ahead, 2:])
         return pixels, ahead & self.camera.contains(pixels)
 
-    def trace(self, pixels: FloatArray, pose: Pose, frame: int | None = None) -> FloatArray:
+    def trace(self, pixels: FloatArray, pose: Pose, joints: Joints = AT_REST) -> FloatArray:
         """
         Return the world points [m], shape (N, 3), seen at ``pixels``, shape (N, 2).
 
         They are NaN where there is no surface.
         """
-        (axes, centre), scene = self.rig.camera_pose(pose, frame), self.scene
+        (axes, centre), scene = self.rig.camera_pose(pose, None, joints), self.scene
         pixels, planar = as_points(pixels, 'pixels'), self.camera.planar
         if planar is None:
             vectors = self.camera.rays(pixels)
@@ -121,13 +130,15 @@ class Renderer:
         nearest[np.isinf(nearest)] = np.nan
         return np.asarray(centre + nearest[:, None] * directions)
 
-    def unhidden(self, points: FloatArray, pixels: FloatArray, pose: Pose) -> BoolArray:
+    def unhidden(
+        self, points: FloatArray, pixels: FloatArray, pose: Pose, joints: Joints = AT_REST
+    ) -> BoolArray:
         """
         Return which points nothing in the scene hides, shape (N,), on a level floor.
 
         ``points`` [m], shape (N, 3), project to ``pixels``, shape (N, 2).
         """
-        nearest = self.trace(pixels, pose)
+        nearest = self.trace(pixels, pose, joints)
         distance = np.linalg.norm(points - self.rig.camera_pose(pose).centre, axis=1)
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
 
@@ -207,14 +218,12 @@ class Exposures:
         self._ideal: Renderer | None = None  # without distortion, and wider
         self._rays: tuple[float, FloatArray] | None = None  # by the zoom
 
-    def render(
-        self, pose: Pose, frame: int, twist: Twist, shutter: Shutter, nod: Nod = LEVEL
-    ) -> Image:
+    def render(self, pose: Pose, frame: int, motion: Motion, shutter: Shutter) -> Image:
         """Return the image, shape (H, W), of ``frame``, whose first row is exposed at ``pose``."""
-        zoom, camera = shutter.zoom(frame), self._renderer.camera
-        self._renderer.pitch = nod.pitch
+        (twist, nod, joints), camera = motion, self._renderer.camera
+        zoom = shutter.zoom(frame)
         if zoom == 1.0 and (shutter.is_instant or (twist == STANDSTILL and nod.rate == 0.0)):
-            return self._renderer.render(pose, frame)
+            return self._renderer.render(pose, frame, motion)
         rays = self._rays_at(zoom)
         renderer = self._source()
         samples = _samples(twist, nod, shutter.exposure, camera)
@@ -224,14 +233,13 @@ class Exposures:
         count = 1 + math.floor(abs(twist.linear) * (last - first) / 2e-3)  # [m] apart
         middles = first + (np.arange(count) + 0.5) / count * (last - first)
         nearest = np.abs(times[..., None] - middles).argmin(axis=2)
-        axes = renderer.rig.camera_pose(pose, frame).R_world_camera
+        axes = renderer.rig.camera_pose(pose, frame, joints).R_world_camera
         left = np.array([-math.sin(pose.theta), math.cos(pose.theta), 0.0])
         turn = (twist.angular * np.array([0.0, 0.0, 1.0]) + nod.rate * left) @ axes
         flags = cv2.INTER_LANCZOS4 if samples == 1 else cv2.INTER_LINEAR
         total = np.zeros((camera.height, camera.width), np.float32)
         for number, middle in enumerate(middles.tolist()):
-            renderer.pitch = nod.pitch + nod.rate * middle
-            drawn = renderer.render(integrate(pose, twist, middle), frame)
+            drawn = renderer.render(pose, frame, motion, middle)
             for sample in range(samples):
                 rows = np.flatnonzero(nearest[sample] == number)
                 if len(rows):
