@@ -24,7 +24,7 @@ from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.sensor import Motion, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, STILL
 
 STARTS = ((0.4, -2.5, 4.0), (-0.8, -3.2, -6.0), (1.0, -3.5, 8.0))
 QUALITIES = (80, 50)
@@ -65,7 +65,7 @@ class PackedView(ImageView):
         self._packing = packing
         tracker.set_desired(self._through(self.desired))
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         """Return the features seen from ``pose`` in frame number ``frame``."""
         self.image = self._through(self.simulator.capture(pose, frame, motion))
         self.features = self.tracker.track(self.image)

@@ -18,7 +18,7 @@ from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.closed_loop import published
-from visual_servo_epipolar.simulation.sensor import Motion
+from visual_servo_epipolar.simulation.sensor import CameraMotion
 
 PERIOD_NS = period_ns(11.0)
 POSE = Pose.from_start(0.3, -2.2, 5.0)
@@ -140,7 +140,7 @@ def test_the_image_leans_with_the_body_of_the_truth(camera) -> None:
     camera.tell(write.odometry(POSE, STANDSTILL, 0, 'world', 'base_link', pitch=nod))
     simulator, images = camera.simulator, []
     for body in (LEVEL, nod):
-        images.append(simulator.capture(published(POSE), 0, Motion(nod=body)))
+        images.append(simulator.capture(published(POSE), 0, CameraMotion(nod=body)))
     np.testing.assert_array_equal(read.gray(camera.images[0]), images[1])
     assert (images[0] != images[1]).mean() > 0.3
 

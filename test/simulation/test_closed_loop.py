@@ -30,7 +30,7 @@ from visual_servo_epipolar.simulation.closed_loop import (
 )
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import SimulatedRig
-from visual_servo_epipolar.simulation.sensor import Motion, Receipt, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, Receipt, STILL
 
 in_long = partial(pytest.param, marks=pytest.mark.long)
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]
@@ -200,7 +200,7 @@ class Through:
     def __init__(self, view: View) -> None:
         self._view = view
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         return self._view.observe(pose, frame, motion)
 
 
@@ -208,7 +208,7 @@ def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> 
     class Watched(Through):
         poses: list[Pose] = []
 
-        def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+        def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
             self.poses.append(pose)
             return super().observe(pose, frame, motion)
 

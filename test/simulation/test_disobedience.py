@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.sensor import Motion, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, STILL
 from visual_servo_epipolar.simulation.views import points_of
 
 START = (0.11, -2.2, 5.4)
@@ -63,7 +63,7 @@ class FlippedView:
     def __init__(self, view: View, size: tuple[int, int], flip: tuple[bool, bool]) -> None:
         self._view, self._size, self._flip = view, np.array(size) - 1.0, np.array(flip)
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         seen = self._view.observe(pose, frame, motion)
         current, desired = (
             np.where(self._flip, self._size - pixels, pixels)

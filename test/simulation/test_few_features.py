@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.sensor import Motion, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, STILL
 from visual_servo_epipolar.simulation.views import points_of
 
 SEED = 5
@@ -166,7 +166,7 @@ class Pushed:
     def __init__(self, view: View, x: float, y: float) -> None:
         self.view, self.x, self.y = view, x, y
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         moved = frame > 11 * (BEGIN_S + 1.0)
         if moved:
             pose = replace(pose, x=pose.x + self.x, y=pose.y + self.y)

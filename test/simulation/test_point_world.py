@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.sensor import Motion, Shutter
+from visual_servo_epipolar.simulation.sensor import CameraMotion, Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)
@@ -158,7 +158,7 @@ def test_a_camera_that_turns_shears_the_points_by_readout_and_rate() -> None:
         PointWorld(EXACT, SimulatedRig(CAMERA), seed=0, shutter=Shutter(readout))
         for readout in (0.03, 0.0)
     )
-    turning = Motion(Twist(0.0, 1.0))
+    turning = CameraMotion(Twist(0.0, 1.0))
     sheared, upright = (each.project(DESIRED_POSE, 0, turning)[0] for each in (rolling, still))
     rays, seen = CAMERA.rays(upright), CAMERA.rays(sheared)
     turned = np.arctan2(seen[:, 0], seen[:, 2]) - np.arctan2(rays[:, 0], rays[:, 2])
@@ -169,7 +169,7 @@ def test_a_camera_that_turns_shears_the_points_by_readout_and_rate() -> None:
 def test_a_body_that_nods_shows_points_as_an_image_has_them(readout: float) -> None:
     cloud = PointWorld(EXACT, SimulatedRig(CAMERA), seed=0, shutter=Shutter(readout))
     nod = Nod(0.01, 0.3)
-    pixels, visible = cloud.project(BEHIND, 3, Motion(nod=nod))
+    pixels, visible = cloud.project(BEHIND, 3, CameraMotion(nod=nod))
     for point, pixel in zip(cloud.points[visible][:5], pixels[visible][:5], strict=True):
         pitch = nod.pitch + nod.rate * readout * pixel[1] / CAMERA.height
         axes, centre = pitched(SimulatedRig(CAMERA).camera_pose(BEHIND), BEHIND, pitch)

@@ -25,7 +25,7 @@ from visual_servo_epipolar.simulation.point_world import PointSettings, PointWor
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
-from visual_servo_epipolar.simulation.sensor import Motion, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, STILL
 from visual_servo_epipolar.simulation.views import points_of, view_of
 from visual_servo_epipolar.sweeping.plan import result_of
 
@@ -106,7 +106,7 @@ class RemountedView:
         self._view, self._camera = view, camera
         self._lean = rotation_level_camera(math.radians(tilt), math.radians(roll))
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         seen = self._view.observe(pose, frame, motion)
         rays = self._camera.rays(seen.current) @ self._lean
         return replace(seen, current=self._camera.pixels(rays))

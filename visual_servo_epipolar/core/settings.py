@@ -103,6 +103,12 @@ class Settings:
             object.__setattr__(self, item.name, _checked(item.name, value, item))
 
 
+def selected(kind: type[SettingsT], *parts: Settings) -> SettingsT:
+    """Return settings of ``kind`` with what the ``parts`` have of them, the last one first."""
+    values = {item.name: getattr(part, item.name) for part in parts for item in fields(part)}
+    return kind(**{item.name: values[item.name] for item in fields(kind)})
+
+
 def names_of(settings: Settings | type[Settings]) -> list[str]:
     """Return the names that ``settings`` have, and had in earlier versions."""
     return [*(item.name for item in fields(settings)), *settings.RENAMED, *settings.GONE]

@@ -13,6 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.rigs.rig import AT_REST
+from visual_servo_epipolar.core.settings import selected
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.joints import COMMAND_TYPES, joint_states, read_head_command
@@ -28,12 +29,12 @@ from visual_servo_epipolar.simulation.cameras import (
     CameraSettings,
     head_settings,
     HeadSettings,
-    rig_settings,
+    SIMULATED_RIGS,
     SimulatedHead,
 )
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.light import LightSettings
-from visual_servo_epipolar.simulation.sensor import BodyState, Motion, PoseHistory
+from visual_servo_epipolar.simulation.sensor import BodyState, CameraMotion, PoseHistory
 
 
 class CameraNode(ParameterNode):
@@ -89,7 +90,7 @@ class CameraNode(ParameterNode):
 
     def _on_rig(self) -> CameraSettings:
         """Return the settings of the camera on its rig."""
-        return rig_settings(self._rig.rig, self._settings, self._head_settings)
+        return selected(SIMULATED_RIGS[self._rig.rig], self._settings, self._head_settings)
 
     def _use(self) -> None:
         self._info = self._settings.nominal_camera
@@ -141,7 +142,7 @@ class CameraNode(ParameterNode):
         """Publish the image that was exposed then, and is received now."""
         pose, twist, nod = self._history.at(exposed_ns)
         joints = AT_REST if self._head is None else self._head.joints
-        image = self._simulator.capture(pose, self._frame, Motion(twist, nod, joints))
+        image = self._simulator.capture(pose, self._frame, CameraMotion(twist, nod, joints))
         self._frame += 1
         info = write.camera_info(self._info, stamp_ns, self._rig.camera_frame)
         self._info_pub.publish(info)

@@ -19,8 +19,6 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup.run import hand_out, isolated_context, new_node
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.bases import base_name
-from visual_servo_epipolar.simulation.cameras import rig_name
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -59,7 +57,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def _populate(self, scenario: Scenario, loop: LoopSettings) -> None:
         base = {'lockstep': True, 'begin': False, 'start': loop.start, 'seed': loop.seed}
-        base |= {'frame_rate': loop.frame_rate, 'model': base_name(scenario.base)}
+        base |= {'frame_rate': loop.frame_rate, 'model': scenario.kind_of('base')}
         self.servo = self._add(
             ServoNode,
             scenario.servo,
@@ -68,7 +66,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
         others = asdict(scenario.disturbances) | asdict(scenario.light)
-        others['rig'] = rig_name(scenario.camera)
+        others['rig'] = scenario.kind_of('camera')
         self.camera = self._add(CameraNode, scenario.camera, others)
 
     def add(self, node: Node) -> None:

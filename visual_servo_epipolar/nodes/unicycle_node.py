@@ -10,6 +10,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Command
+from visual_servo_epipolar.core.settings import selected
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos, steady
@@ -21,7 +22,8 @@ from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.simulation.bases import (
     AckermannSettings,
     DeadReckoning,
-    model_settings,
+    PioneerSettings,
+    SIMULATED_BASES,
     world_to_odometry,
 )
 
@@ -67,13 +69,15 @@ class UnicycleNode(ParameterNode):
             self.begin()
 
     def _use(self) -> None:
-        self._base.settings = model_settings(self._settings.model, self._base_settings)
+        self._base.settings = self._of_model()
+
+    def _of_model(self) -> PioneerSettings:
+        return selected(SIMULATED_BASES[self._settings.model], self._base_settings)
 
     def _stand_at_the_start(self) -> None:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else steady.now_ns()
-        settings = model_settings(self._settings.model, self._base_settings)
-        self._base = settings.base(start, seed=self._settings.seed, now_ns=now_ns)
+        self._base = self._of_model().base(start, seed=self._settings.seed, now_ns=now_ns)
         self._reckoning = DeadReckoning(self._base.odometry, now_ns)
 
     def _on_command(self, message: Any) -> None:

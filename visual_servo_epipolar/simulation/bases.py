@@ -1,9 +1,8 @@
 """Simulated bases: a Pioneer, a car, dead reckoning of wheels, and a registry by name."""
 
-from array import array
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass
 import math
 from typing import Any, ClassVar, NamedTuple
 
@@ -131,6 +130,7 @@ class Pioneer:
         self.twist, self.nodding = STANDSTILL, LEVEL
         self.now_ns = now_ns
         self.wanted = STANDSTILL
+        self.odometry = Pose(0.0, 0.0, 0.0)
         self._wheels = (0.0, 0.0)  # what the motors turn, as seen by nominal wheels
         self._pending: deque[tuple[int, Twist]] = deque()
         self._command_ns: int | None = None
@@ -138,8 +138,6 @@ class Pioneer:
         self._kicks = np.random.default_rng((seed, 9))
         self._kick = 0.0  # curvature of casters that swivel [1/m]
         self._swivelled, self._direction = SWIVEL_M, 0.0  # way since the reversal [m], its sign
-        self._odometry = Pose(0.0, 0.0, 0.0)
-        self._unread = array('d')  # wheels, time and noise of each step that odometry lacks
 
     def command(self, command: Command) -> None:
         """Take ``command`` now; it reaches the motors ``command_delay`` later."""
@@ -160,65 +158,47 @@ class Pioneer:
             return False
         return self.now_ns - self._command_ns > timeout * NANOSECONDS
 
-    @property
-    def odometry(self) -> Pose:
-        """Where the wheels say the robot is, added up when it is asked for."""
-        steps = np.array(self._unread).reshape(-1, 4)
-        chance = self._rng.standard_normal((len(steps), 2)).tolist()
-        for (linear, angular, dt, noise), (ahead, aside) in zip(
-            steps.tolist(), chance, strict=True
-        ):
-            # A random walk: the variance grows with the way, so that the step does not matter.
-            way, turn = abs(linear) * dt, abs(angular) * dt
-            measured = Twist(
-                linear + noise * math.sqrt(way) * ahead / dt,
-                angular + noise * math.sqrt(way + turn) * aside / dt,
-            )
-            self._odometry = integrate(self._odometry, measured, dt)
-        del self._unread[:]
-        return self._odometry
-
     def advance(self, now_ns: int) -> None:
         """Move until ``now_ns``; a time that is not later moves nothing."""
         duration = (now_ns - self.now_ns) / NANOSECONDS
         if duration <= 0.0:
             return
         steps, start_ns = math.ceil(duration / SUBSTEP_S), self.now_ns
-        dt, noise = duration / steps, self.settings.odometry_noise
+        dt, aim = duration / steps, self._limited(self.wanted)
         x, y, theta = self.pose.x, self.pose.y, self.pose.theta
-        twist, aim, due_ns = self._true(*self._wheels), self._limited(self.wanted), self._due_ns
         for number in range(1, steps + 1):
-            if self.now_ns >= due_ns:
-                self._receive()
-                aim, due_ns = self._limited(self.wanted), self._due_ns
-            wheels = self._accelerated(*aim, dt)
+            if self._receive():
+                aim = self._limited(self.wanted)
+            before, self._wheels = self._wheels, self._accelerated(*aim, dt)
             if self.settings.nod > 0.0:
-                faster = (wheels[0] - self._wheels[0]) / dt
+                faster = (self._wheels[0] - before[0]) / dt
                 self.nodding = self.nodding.after(faster, dt, largest=self.settings.nod)
-            if wheels is not self._wheels:
-                twist, self._wheels = self._true(*wheels), wheels
+            twist = self._true(*self._wheels)
             if twist != (0.0, 0.0):
                 x, y, theta = arc(x, y, theta, *twist, dt)
                 theta += self._swivel(twist[0] * dt)
-            self._unread.extend((*wheels, dt, noise))
+            self.odometry = integrate(self.odometry, self._measured(*self._wheels, dt), dt)
             self.now_ns = start_ns + (now_ns - start_ns) * number // steps
         self.pose, self.twist = Pose(x, y, theta), Twist(*twist)
 
-    @property
-    def _due_ns(self) -> float:
-        """When the next command reaches the motors, or the last one is too old."""
-        due_ns = self._pending[0][0] if self._pending else math.inf
-        timeout = self.settings.command_timeout
-        if timeout == 0.0 or self._command_ns is None:
-            return due_ns
-        return min(due_ns, self._command_ns + math.floor(timeout * NANOSECONDS) + 1)
-
-    def _receive(self) -> None:
-        """Take what reaches the motors now."""
+    def _receive(self) -> bool:
+        """Take what reaches the motors now; return whether that is another command."""
+        before = self.wanted
         while self._pending and self._pending[0][0] <= self.now_ns:
             self.wanted = self._pending.popleft()[1]
         if self.timed_out:
             self.halt()
+        return self.wanted != before
+
+    def _measured(self, linear: float, angular: float, dt: float) -> Twist:
+        """Return what wheels that turn so for ``dt`` report."""
+        # A random walk: the variance grows with the way, so that the step does not matter.
+        way, turn = abs(linear) * dt, abs(angular) * dt
+        noise, (ahead, aside) = self.settings.odometry_noise, self._rng.standard_normal(2).tolist()
+        return Twist(
+            linear + noise * math.sqrt(way) * ahead / dt,
+            angular + noise * math.sqrt(way + turn) * aside / dt,
+        )
 
     def _limited(self, twist: Twist) -> tuple[float, float]:
         limits = self.settings
@@ -230,20 +210,15 @@ class Pioneer:
 
     def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
         """Return the wheels after ``dt`` on their way to ``aim`` and ``turn``."""
-        limits, (linear, angular) = self.settings, self._wheels
-        if aim == linear and turn == angular:
-            return self._wheels
-        turning = limits.angular_acceleration * dt
-        return (
-            self._faster(aim, linear, dt),
-            angular + min(max(turn - angular, -turning), turning),
-        )
+        linear, angular = self._wheels
+        turning = self.settings.angular_acceleration * dt
+        return self._faster(aim, linear, dt), angular + within(turn - angular, turning)
 
     def _faster(self, aim: float, linear: float, dt: float) -> float:
         """Return the speed ``dt`` after ``linear``, on its way to ``aim``."""
         slower = abs(aim) < abs(linear) or aim * linear < 0.0
         change = self.settings.deceleration if slower else self.settings.acceleration
-        return linear + min(max(aim - linear, -change * dt), change * dt)
+        return linear + within(aim - linear, change * dt)
 
     def _swivel(self, way: float) -> float:
         """Return the turn [rad] that casters add on ``way`` [m], ahead or back."""
@@ -265,6 +240,11 @@ class Pioneer:
         ratio = math.sqrt(settings.wheel_ratio)
         left, right = (linear - half * angular) / ratio, (linear + half * angular) * ratio
         return grip * 0.5 * (left + right), grip * (right - left) / settings.track
+
+
+def within(value: float, most: float) -> float:
+    """Return ``value``, or the nearest number that is as large as ``most``."""
+    return min(max(value, -most), most)
 
 
 def obeyed(speed: float, dead_zone: float, step: float) -> float:
@@ -311,21 +291,19 @@ class Ackermann(Pioneer):
     def _limited(self, twist: Twist) -> tuple[float, float]:
         """Return the speed [m/s] and the steering angle [rad] that ``twist`` asks for."""
         limits = self.settings
-        speed = min(max(twist.linear, -limits.max_linear), limits.max_linear)
+        speed = within(twist.linear, limits.max_linear)
         speed = obeyed(speed, limits.dead_zone_linear, limits.step_linear)
         angle = 0.0
         if twist.linear:
             angle = math.atan(limits.wheelbase * twist.angular / twist.linear)
         elif twist.angular:
             angle = math.copysign(math.inf, twist.angular)
-        return speed, min(max(angle, -limits.max_steering), limits.max_steering)
+        return speed, within(angle, limits.max_steering)
 
     def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
-        change = self.settings.steering_rate * dt
-        self.steering += min(max(turn - self.steering, -change), change)
+        self.steering += within(turn - self.steering, self.settings.steering_rate * dt)
         speed = self._faster(aim, self._wheels[0], dt)
-        wheels = speed, speed * math.tan(self.steering) / self.settings.wheelbase
-        return self._wheels if wheels == self._wheels else wheels
+        return speed, speed * math.tan(self.steering) / self.settings.wheelbase
 
     def _true(self, linear: float, angular: float) -> tuple[float, float]:
         settings = self.settings
@@ -341,17 +319,6 @@ SIMULATED_BASES: dict[str, type[PioneerSettings]] = {
     'pioneer': PioneerSettings,
     'ackermann': AckermannSettings,
 }
-
-
-def base_name(settings: PioneerSettings) -> str:
-    """Return the name of the base that ``settings`` belong to; KeyError if there is none."""
-    return {kind: name for name, kind in SIMULATED_BASES.items()}[type(settings)]
-
-
-def model_settings(name: str, values: Settings) -> PioneerSettings:
-    """Return the settings of the base called ``name``, of those ``values`` which it has."""
-    kind = SIMULATED_BASES[name]
-    return kind(**{item.name: getattr(values, item.name) for item in fields(kind)})
 
 
 @dataclass(frozen=True, slots=True)

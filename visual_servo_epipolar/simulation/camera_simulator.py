@@ -20,9 +20,8 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import painted_room
 from visual_servo_epipolar.simulation.sensor import (
     as_jpeg,
+    CameraMotion,
     DESIRED_FRAME,
-    MAX_NOISE,
-    Motion,
     Sensor,
     STILL,
 )
@@ -48,10 +47,12 @@ class CameraSimulator:
         self._room = painted_room(settings.scene_seed, settings.scene)
         self.light = LightSettings() if light is None else light
         self._exposure = Exposure(self.light)
-        scene = self._scene(self.light.light_of(settings.seed), has_changed=True)
+        scene = self._room.by(self._light_of_run.name, self.light.changed_by)
         self.renderer = Renderer(scene, rig)
         self._exposures = Exposures(self.renderer)
-        self._sensors: dict[float, Sensor] = {}  # by noise
+        self._size = settings.width, settings.height
+        degrees = {'gain_drift': settings.gain_drift, 'blur': settings.blur}
+        self._sensor = Sensor(self._size, settings.seed, noise=settings.noise, **degrees)
         self._last: tuple[tuple[object, ...], Scene, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
 
@@ -66,8 +67,7 @@ class CameraSimulator:
 
     def disturb(self, settings: DisturbanceSettings) -> None:
         """Disturb the images from now on as ``settings`` say."""
-        size = self.settings.width, self.settings.height
-        self._disturbances = Disturbances(size, settings, self.settings.seed)
+        self._disturbances = Disturbances(self._size, settings, self.settings.seed)
         self._is_disturbed = settings != DisturbanceSettings()
 
     def relight(self, settings: LightSettings) -> None:
@@ -78,49 +78,36 @@ class CameraSimulator:
         """Return the desired image, shape (H, W), taken from the goal."""
         return self.capture(DESIRED_POSE, DESIRED_FRAME)
 
-    def capture(self, pose: Pose, frame: int, motion: Motion = STILL) -> Image:
+    def capture(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Image:
         """
         Return frame number ``frame``, shape (H, W), exposed from ``pose`` on during a ``motion``.
 
         Automatic exposure has settled on the photograph and on frame 0, and follows from there on.
         """
-        is_photograph = frame == DESIRED_FRAME
-        light = self._light_of(is_photograph)
-        self.renderer.scene = self._scene(light, has_changed=not is_photograph)
+        if frame == DESIRED_FRAME:
+            light, changed_by, gamma = LIGHTS[self.light.photograph_light], UNCHANGED, 1.0
+        else:
+            light, changed_by, gamma = self._light_of_run, self.light.changed_by, self.light.gamma
+        self.renderer.scene = self._room.by(light.name, changed_by)
         image = self._render(pose, frame, motion)
-        if not is_photograph and self._is_disturbed:
+        if frame != DESIRED_FRAME and self._is_disturbed:
             image = self._disturbances.apply(image, frame)
         if frame <= 0:
             self._exposure.begin()
         image, gain = self._exposure.take(image, light)
-        image = toned(image, 1.0 if is_photograph else self.light.gamma)
-        image = self._sensor(gain).capture(image, frame)
+        image = toned(image, gamma)
+        image = self._sensor.capture(image, frame, gain)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
 
-    def _light_of(self, is_photograph: bool) -> Light:
-        if is_photograph:
-            return LIGHTS[self.light.photograph_light]
+    @property
+    def _light_of_run(self) -> Light:
         return self.light.light_of(self.settings.seed)
 
-    def _scene(self, light: Light, *, has_changed: bool) -> Scene:
-        return self._room.by(light.name, self.light.changed_by if has_changed else UNCHANGED)
-
-    def _sensor(self, gain: float) -> Sensor:
-        """Return the sensor at that gain, which its noise grows with."""
-        settings, size = self.settings, (self.settings.width, self.settings.height)
-        noise = min(gain * settings.noise, MAX_NOISE)
-        if noise not in self._sensors:
-            if len(self._sensors) == 4:  # kept, each for one noise
-                del self._sensors[next(iter(self._sensors))]
-            degrees = {'gain_drift': settings.gain_drift, 'blur': settings.blur}
-            self._sensors[noise] = Sensor(size, settings.seed, noise=noise, **degrees)
-        return self._sensors[noise]
-
-    def _render(self, pose: Pose, frame: int, motion: Motion) -> Image:
+    def _render(self, pose: Pose, frame: int, motion: CameraMotion) -> Image:
         """Return the image before the sensor: the last one, read-only, of a camera that stands."""
         shutter, scene = self._settings.row_timing, self.renderer.scene
         if shutter.is_instant:  # it shows the pitch alone
-            motion = Motion(nod=Nod(motion.nod.pitch), joints=motion.joints)
+            motion = CameraMotion(nod=Nod(motion.nod.pitch), joints=motion.joints)
         axes, centre = self.renderer.rig.camera_pose(pose, frame, motion.joints)
         place = axes.tobytes(), centre.tobytes(), motion, shutter.zoom(frame)
         if self._last is None or self._last[0] != place or self._last[1] is not scene:
@@ -140,7 +127,7 @@ class ImageView:
         self.features = Features()
         tracker.set_desired(self.desired)
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         """Return the features seen from ``pose`` in frame number ``frame``."""
         self.image = self.simulator.capture(pose, frame, motion)
         self.features = self.tracker.track(self.image)

@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 import math
 from typing import Any, ClassVar
 
@@ -283,18 +283,6 @@ SIMULATED_RIGS: dict[str, type[CameraSettings]] = {
     'fixed': CameraSettings,
     'pan_tilt': PanTiltSettings,
 }
-
-
-def rig_name(settings: CameraSettings) -> str:
-    """Return the name of the rig that ``settings`` belong to; KeyError if there is none."""
-    return {kind: name for name, kind in SIMULATED_RIGS.items()}[type(settings)]
-
-
-def rig_settings(name: str, *parts: Settings) -> CameraSettings:
-    """Return the settings of the rig of that ``name``, as far as it has those of the ``parts``."""
-    kind = SIMULATED_RIGS[name]
-    values = {item.name: getattr(part, item.name) for part in parts for item in fields(part)}
-    return kind(**{item.name: values[item.name] for item in fields(kind)})
 
 
 def head_settings(settings: CameraSettings) -> HeadSettings | None:

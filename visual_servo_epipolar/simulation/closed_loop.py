@@ -35,7 +35,7 @@ from visual_servo_epipolar.simulation.cameras import HeadSettings, SimulatedHead
 from visual_servo_epipolar.simulation.rigs import SimulatedRig, true_geometry
 from visual_servo_epipolar.simulation.sensor import (
     BodyState,
-    Motion,
+    CameraMotion,
     PoseHistory,
     Receipt,
     STILL,
@@ -45,7 +45,7 @@ from visual_servo_epipolar.simulation.sensor import (
 class View(Protocol):
     """What stands between the world and the servo: points, or images and a tracker."""
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         """Return the features seen in frame number ``frame``, which began at ``pose``."""
 
 
@@ -213,10 +213,10 @@ class DrivenBase:
         return self._history.at(self._exposed_ns + half_ns).pose
 
     @property
-    def motion(self) -> Motion:
-        """Motion of the camera while that image is read out."""
+    def motion(self) -> CameraMotion:
+        """CameraMotion of the camera while that image is read out."""
         _, twist, nod = self._history.during(self._exposed_ns, self._receipt.readout)
-        return Motion(twist, nod, AT_REST if self.head is None else self.head.joints)
+        return CameraMotion(twist, nod, AT_REST if self.head is None else self.head.joints)
 
     def drive(self, command: Command) -> None:
         """Obey a ``command`` until the next image is received."""

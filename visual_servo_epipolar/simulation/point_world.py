@@ -16,11 +16,11 @@ from visual_servo_epipolar.simulation.bases import LEVEL
 from visual_servo_epipolar.simulation.disturbances import Disturbances
 from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.sensor import (
+    CameraMotion,
     DESIRED_FRAME,
     INSTANT,
     interpolated,
     MAX_RAY,
-    Motion,
     Shutter,
     STILL,
 )
@@ -80,7 +80,7 @@ class PointWorld:
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
         self._block, self._noises = -1, np.empty((0, *pixels.shape))
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
         pixels, visible = self.project(pose, frame, motion)
         return self.tracked(pixels, visible, frame)
@@ -102,12 +102,12 @@ class PointWorld:
         )
 
     def project(
-        self, pose: Pose, frame: int = DESIRED_FRAME, motion: Motion = STILL
+        self, pose: Pose, frame: int = DESIRED_FRAME, motion: CameraMotion = STILL
     ) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
         return self.rolling(self.seen(pose, frame, motion), self._shutter.zoom(frame))
 
-    def seen(self, pose: Pose, frame: int, motion: Motion = STILL) -> FloatArray:
+    def seen(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> FloatArray:
         """
         Return the points in axes of the camera, shape (M, N, 3).
 

@@ -19,7 +19,7 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.sensor import Motion
+from visual_servo_epipolar.simulation.sensor import CameraMotion
 from visual_servo_epipolar.simulation.views import points_of
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
@@ -113,7 +113,8 @@ def _conditions(region: StartRegion, scenario: Scenario, source: str) -> list[Co
         world = points_of(scenario, scenario.camera.seed)
         return [
             lambda pose: any(
-                int(world.project(pose, motion=Motion(joints=joints))[1].sum()) >= LEAST_FEATURES
+                int(world.project(pose, motion=CameraMotion(joints=joints))[1].sum())
+                >= LEAST_FEATURES
                 for joints in world.rig.gazes
             )
         ]

@@ -11,15 +11,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, names_of, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.files import yaml_document
-from visual_servo_epipolar.simulation.bases import (
-    base_name,
-    PioneerSettings,
-    SIMULATED_BASES,
-)
+from visual_servo_epipolar.simulation.bases import PioneerSettings, SIMULATED_BASES
 from visual_servo_epipolar.simulation.cameras import (
     CameraSettings,
     head_settings,
-    rig_name,
     SIMULATED_RIGS,
 )
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
@@ -52,16 +47,21 @@ class Scenario:
         if self.servo.carrier.turn_rate > 0.0 and head_settings(self.camera) is None:
             raise ValueError(
                 f'the camera must be on a head for a servo with rig {self.servo.rig}, got one '
-                f'with rig {rig_name(self.camera)}, a fixed one; set rig of the camera to '
+                f'with rig {self.kind_of("camera")}, a fixed one; set rig of the camera to '
                 'pan_tilt, or that of the servo to fixed'
             )
 
     def document(self) -> dict[str, Any]:
         """Return all settings by section, and by name which base and which camera rig they are."""
         sections = asdict(self)
-        sections['base']['model'] = base_name(self.base)
-        sections['camera']['rig'] = rig_name(self.camera)
+        for section, (key, _) in KINDS.items():
+            sections[section][key] = self.kind_of(section)
         return sections
+
+    def kind_of(self, section: str) -> str:
+        """Return the name of the base or of the camera rig, by its section; KeyError if none."""
+        names = {kind: name for name, kind in KINDS[section][1].items()}
+        return names[type(getattr(self, section))]
 
     def seeded(self, seed: int) -> 'Scenario':
         """Return the scenario with noise, jitter and random subsets drawn from ``seed``."""
@@ -158,62 +158,50 @@ def _by_section(document: Any, where: str) -> dict[str, Any]:
         return {}
     if not isinstance(document, Mapping):
         raise InputError(f'{where}: a scenario must map sections to settings, got {document!r}')
-    nodes = [str(key) for key in document if str(key) == ALL_NODES or _node(key) in NODES]
-    sections = {key: values for key, values in document.items() if str(key) not in nodes}
-    general, special = _parameters(document, nodes, where)
-    # A file for all nodes whose names one of them has is that one's: both have min_features.
-    whole = [item for item in ROBOT if general.keys() <= set(_names(item))]
-    for section in NODES.values():
-        names = _names(section) if section in (whole or ROBOT) else []
-        merged = {name: value for name, value in general.items() if name in names}
-        merged |= special.get(section, {})
-        given = sections.get(section) or {}
-        if not merged or not isinstance(given, Mapping):
-            continue
-        twice = sorted(special.get(section, {}).keys() & given.keys())
-        if twice:
+    sections: dict[str, Any] = {}
+    of_all: dict[str, Any] = {}
+    of_nodes: dict[str, dict[str, Any]] = {}
+    for key, values in document.items():
+        node = str(key).rpartition('/')[2]
+        if str(key) == ALL_NODES:
+            of_all = _parameters(ALL_NODES, values, where)
+        elif node in NODES:
+            of_nodes.setdefault(NODES[node], {}).update(_parameters(node, values, where))
+        else:
+            sections[key] = values
+    for section, values in of_nodes.items():
+        given = sections.get(section)
+        if isinstance(given, Mapping) and (twice := sorted(values.keys() & given.keys())):
             raise InputError(
                 f'{where}: {", ".join(twice)} must be given once, got it in {section} and in '
                 f'{section}_node; keep one of them'
             )
-        sections[section] = {**merged, **given}
+    known = {section: names_of(getattr(Scenario(), section)) for section in ROBOT}
+    names = [name for section in ROBOT for name in known[section]]
+    if unknown := sorted(of_all.keys() - set(names)):
+        raise InputError(
+            f'{where}: {ALL_NODES} has no setting {", ".join(unknown)}; {hint(unknown, names)}'
+        )
+    # A file for all nodes whose names one of them has is that one's: both have min_features.
+    whole = [section for section in ROBOT if of_all.keys() <= set(known[section])]
+    for section in whole or ROBOT:
+        shared = {name: value for name, value in of_all.items() if name in known[section]}
+        of_nodes[section] = {**shared, **of_nodes.get(section, {})}
+    for section, values in of_nodes.items():
+        given = sections.get(section) or {}
+        if values and isinstance(given, Mapping):
+            sections[section] = {**values, **given}
     return sections
 
 
-def _parameters(
-    document: Mapping[str, Any], nodes: list[str], where: str
-) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """Return the ROS parameters of all nodes, and by section those of one node."""
-    general: dict[str, Any] = {}
-    special: dict[str, dict[str, Any]] = {}
-    for node in nodes:
-        body = document[node]
-        values = body.get('ros__parameters') if isinstance(body, Mapping) else None
-        if not isinstance(values, Mapping):
-            raise InputError(
-                f'{where}: parameters of {node} must stand under ros__parameters, as "name: value"'
-            )
-        settings = {name: value for name, value in values.items() if name not in CONNECTION}
-        if node == ALL_NODES:
-            known = [name for section in ROBOT for name in _names(section)]
-            unknown = sorted(set(map(str, settings)) - set(known))
-            if unknown:
-                raise InputError(
-                    f'{where}: {node} has no setting {", ".join(unknown)}; {hint(unknown, known)}'
-                )
-            general |= settings
-        else:
-            special.setdefault(NODES[_node(node)], {}).update(settings)
-    return general, special
-
-
-def _node(key: Any) -> str:
-    """Return the name of a node without its namespace."""
-    return str(key).rpartition('/')[2]
-
-
-def _names(section: str) -> list[str]:
-    return names_of(getattr(Scenario(), section))
+def _parameters(node: str, body: Any, where: str) -> dict[str, Any]:
+    """Return the ROS parameters of a node that are settings, by name."""
+    values = body.get('ros__parameters') if isinstance(body, Mapping) else None
+    if not isinstance(values, Mapping):
+        raise InputError(
+            f'{where}: parameters of {node} must stand under ros__parameters, as "name: value"'
+        )
+    return {str(name): value for name, value in values.items() if name not in CONNECTION}
 
 
 def _section(name: str, values: Any, where: str) -> Settings:

@@ -1,12 +1,12 @@
 """Image sensor: noise, a drifting gain, blur; when rows are exposed and images stamped."""
 
 from collections import deque
-from collections.abc import Mapping
 import math
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import (
@@ -24,8 +24,6 @@ DESIRED_FRAME = -1  # frame index of the desired photograph
 MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
 MAX_NOISE = 50.0  # standard deviation [grey levels]
 SPARE = 64  # how far the noise field may be shifted [px]
-# Codes of cv2.flip for how a field of noise may be mirrored: rows, columns.
-MIRRORINGS: Mapping[tuple[int, ...], int | None] = {(0, 0): None, (0, 1): 1, (1, 0): 0, (1, 1): -1}
 
 
 class Sensor:
@@ -46,57 +44,51 @@ class Sensor:
         blur: float = 0.0,
     ) -> None:
         self._seed, self._noise, self._gain_drift, self._blur = seed, noise, gain_drift, blur
-        self._shape = size[1], size[0]
         rng = np.random.default_rng(seed)
         self._phase = float(rng.uniform(0.0, 2.0 * math.pi))
         shape = (size[1] + SPARE, size[0] + SPARE)
-        field = np.rint(noise * rng.standard_normal(shape, dtype=np.float32))
-        # Apart, as bytes: OpenCV adds and subtracts those ten times as fast as signed numbers.
-        brighter: Image = np.clip(field, 0.0, 255.0).astype(np.uint8)
-        darker: Image = np.clip(-field, 0.0, 255.0).astype(np.uint8)
-        self._fields = {
-            mirroring: (_mirrored(brighter, code), _mirrored(darker, code))
-            for mirroring, code in MIRRORINGS.items()
-        }
+        self._unit_noise = rng.standard_normal(shape, dtype=np.float32)
+        self._field: tuple[float, NDArray[np.int16]] | None = None  # by its deviation
 
-    def capture(self, image: Image, frame_index: int) -> Image:
-        """Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ..."""
+    def capture(self, image: Image, frame_index: int, gain: float = 1.0) -> Image:
+        """
+        Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ...
+
+        The noise grows with the ``gain`` that made the image so bright.
+        """
         image = as_gray(image)
         if self._blur > 0.0:
             image = np.asarray(cv2.GaussianBlur(image, (0, 0), self._blur), np.uint8)
         # Seeds must not be negative: the photograph is 0, the frames start at 1.
         rng = np.random.default_rng((self._seed, frame_index - DESIRED_FRAME))
         if self._gain_drift > 0.0:
-            image = cv2.convertScaleAbs(image, alpha=self._gain(frame_index, rng))
+            image = cv2.convertScaleAbs(image, alpha=self._drifting_gain(frame_index, rng))
         if self._noise > 0.0:
-            image = self._noisy(image, rng)
-        return image if self._noise or self._gain_drift or self._blur else image.copy()
+            return self._noisy(image, min(gain * self._noise, MAX_NOISE), rng)
+        return image.copy()
 
-    def _gain(self, frame_index: int, rng: np.random.Generator) -> float:
+    def _drifting_gain(self, frame_index: int, rng: np.random.Generator) -> float:
         """Return 1 + drift: a slow wave, three quarters of it, and a little flicker."""
         wave = math.sin(self._phase + 2.0 * math.pi * frame_index / 97.0)  # frames
         return 1.0 + self._gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
 
-    def _noisy(self, image: Image, rng: np.random.Generator) -> Image:
+    def _noisy(self, image: Image, noise: float, rng: np.random.Generator) -> Image:
         """Return ``image`` with a part of the field of noise, shifted and mirrored by chance."""
-        (height, width), start = self._shape, rng.integers(0, SPARE + 1, 2)
+        if self._field is None or self._field[0] != noise:
+            self._field = noise, np.rint(noise * self._unit_noise).astype(np.int16)
+        (height, width), start = image.shape, rng.integers(0, SPARE + 1, 2)
         mirrored = rng.integers(0, 2, 2)
         down, right = np.where(mirrored, SPARE - start, start).tolist()
-        part = np.s_[down : down + height, right : right + width]
-        brighter, darker = self._fields[tuple(mirrored.tolist())]
-        noisy: Image = np.asarray(cv2.add(image, brighter[part]), dtype=np.uint8)
-        cv2.subtract(noisy, darker[part], dst=noisy)
-        return noisy
+        rows, columns = (1 - 2 * mirrored).tolist()
+        part = self._field[1][::rows, ::columns][down : down + height, right : right + width]
+        noisy = cv2.add(image, np.ascontiguousarray(part), dtype=cv2.CV_8U)
+        return np.asarray(noisy, dtype=np.uint8)
 
 
 def as_jpeg(image: Image, quality: int) -> Image:
     """Return ``image``, shape (H, W), as a JPEG of that ``quality``, 1 to 100, shows it."""
     _, content = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return np.asarray(cv2.imdecode(content, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
-
-
-def _mirrored(image: Image, code: int | None) -> Image:
-    return image if code is None else np.asarray(cv2.flip(image, code), dtype=np.uint8)
 
 
 class Shutter(NamedTuple):
@@ -152,7 +144,7 @@ class Receipt(NamedTuple):
         return round(max(self.delay + self.jitter * chance, self.readout) * NANOSECONDS)
 
 
-class Motion(NamedTuple):
+class CameraMotion(NamedTuple):
     """How base and body move while rows are exposed, and the joints of a head, which stand."""
 
     twist: Twist = STANDSTILL
@@ -160,7 +152,7 @@ class Motion(NamedTuple):
     joints: Joints = AT_REST
 
 
-STILL = Motion()
+STILL = CameraMotion()
 
 
 class BodyState(NamedTuple):

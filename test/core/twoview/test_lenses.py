@@ -29,7 +29,7 @@ from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.simulation.sensor import Motion, Shutter
+from visual_servo_epipolar.simulation.sensor import CameraMotion, Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 SIZE = {'width': 1280, 'height': 1024}
@@ -163,7 +163,7 @@ def test_rows_of_a_camera_that_turns_are_put_back_to_one_instant(tilt: float) ->
     rig, twist, readout = SimulatedRig(CAMERA, CameraMount(tilt=tilt)), Twist(0.0, 1.0), 0.033
     exact = PointSettings(noise=0.0)
     rolling = PointWorld(exact, rig, seed=0, shutter=Shutter(readout))
-    seen = observe(rolling.observe(DESIRED_POSE, 0, Motion(twist)), CAMERA, 0)
+    seen = observe(rolling.observe(DESIRED_POSE, 0, CameraMotion(twist)), CAMERA, 0)
     then = integrate(DESIRED_POSE, twist, 0.5 * readout)
     expected = observe(PointWorld(exact, rig, seed=0).observe(then, 0), CAMERA, 0)
     _, here, there = np.intersect1d(seen.ids, expected.ids, return_indices=True)
@@ -205,7 +205,7 @@ def test_a_base_that_turns_to_and_fro_from_image_to_image_shows_in_the_rows() ->
     shutter, axes = RollingShutter(), base_axes(0.0, 0.0, 0.0)
     for number, rate in enumerate(rates):
         # In between it turns there and back, so that the middle rows are alike.
-        motion = Motion(Twist(0.0, rate))
+        motion = CameraMotion(Twist(0.0, rate))
         pose = integrate(DESIRED_POSE, motion.twist, -0.5 * readout)
         seen = observe(world.observe(pose, number, motion), CAMERA, number * 66_666_667)
         shutter = shutter.updated(seen, axes, readout)

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTI
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
-from visual_servo_epipolar.simulation.sensor import Motion
+from visual_servo_epipolar.simulation.sensor import CameraMotion
 
 SMALL = CameraSettings(
     width=160, height=128, focal_length=96.2, principal_u=79.2, principal_v=63.8, noise=0.0
@@ -22,7 +22,7 @@ HERE, READOUT = Pose.from_start(0.4, -2.0, 8.0), 0.033
 def taken(
     settings: CameraSettings, twist: Twist = STANDSTILL, pose: Pose = HERE, nod: Nod = LEVEL
 ) -> np.ndarray:
-    return CameraSimulator(settings).capture(pose, 0, Motion(twist, nod)).astype(float)
+    return CameraSimulator(settings).capture(pose, 0, CameraMotion(twist, nod)).astype(float)
 
 
 @pytest.mark.parametrize('settings', [SMALL, BARREL, FISHEYE], ids=['pinhole', 'barrel', 'wide'])

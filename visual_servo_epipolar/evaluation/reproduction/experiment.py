@@ -44,7 +44,7 @@ from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
-from visual_servo_epipolar.simulation.sensor import Motion, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, STILL
 from visual_servo_epipolar.simulation.views import points_of
 
 FEATURES = 26
@@ -115,7 +115,7 @@ class SparseView:
         self._ids: IntArray = np.empty(0, np.int64)
         self.history: list[Features] = []
 
-    def observe(self, pose: Pose, frame: int, motion: Motion = STILL) -> Features:
+    def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         """Return the few features visible from ``pose``."""
         features = self._view.observe(pose, frame, motion)
         sparse = well_spread(features, self._ids, self._count)

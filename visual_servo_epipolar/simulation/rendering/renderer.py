@@ -18,7 +18,7 @@ from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
-from visual_servo_epipolar.simulation.sensor import MAX_RAY, Motion, Shutter, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, MAX_RAY, Shutter, STILL
 
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
 BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
@@ -58,7 +58,7 @@ class Renderer:
         self._faces = list(_faces(rig.camera))
 
     def render(
-        self, pose: Pose, frame: int | None = None, motion: Motion = STILL, time: float = 0.0
+        self, pose: Pose, frame: int | None = None, motion: CameraMotion = STILL, time: float = 0.0
     ) -> Image:
         """
         Return the image taken ``time`` [s] after the robot was at ``pose``, shape (H, W).
@@ -218,7 +218,7 @@ class Exposures:
         self._ideal: Renderer | None = None  # without distortion, and wider
         self._rays: tuple[float, FloatArray] | None = None  # by the zoom
 
-    def render(self, pose: Pose, frame: int, motion: Motion, shutter: Shutter) -> Image:
+    def render(self, pose: Pose, frame: int, motion: CameraMotion, shutter: Shutter) -> Image:
         """Return the image, shape (H, W), of ``frame``, whose first row is exposed at ``pose``."""
         (twist, nod, joints), camera = motion, self._renderer.camera
         zoom = shutter.zoom(frame)

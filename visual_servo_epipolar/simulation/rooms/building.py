@@ -59,6 +59,10 @@ class Painting:
         other.pixels, other.pictures = self.pixels.copy(), [*self.pictures]
         return other
 
+    def uniform(self, low: float, high: float) -> float:
+        """Return a random number between ``low`` and ``high``."""
+        return float(self.rng.uniform(low, high))
+
     def fill(self, grey: float) -> None:
         """Paint all of it."""
         self.pixels[:] = _level(grey)
