@@ -17,9 +17,9 @@ from visual_servo_epipolar.simulation.rooms.building import Builder
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.rooms.storey import (
     CELLS,
+    changed,
     storey_builder,
     storey_look,
-    StoreyLook,
 )
 from visual_servo_epipolar.simulation.routes import way_named, WAYS
 
@@ -156,15 +156,9 @@ def storey() -> Builder:
     return storey_builder(1)
 
 
-def changed(storey: Builder, seed: int = 1) -> StoreyLook:
-    look = StoreyLook(storey, LIGHTS[CEILING])
-    look.change(seed)
-    return look
-
-
 def test_a_third_of_the_pictures_is_exchanged_where_they_hung(storey: Builder) -> None:
     before = [panel for panel in storey.panels if panel.sheet.pictures]
-    names = {panel.name: panel for panel in changed(storey).builder.panels}
+    names = {panel.name: panel for panel in changed(storey, 1).panels}
     others = [len(names[one.name].sheet.pictures) - len(one.sheet.pictures) for one in before]
     total = sum(len(one.sheet.pictures) for one in before)
     assert 0.25 * total < sum(others) < 0.42 * total
@@ -172,7 +166,7 @@ def test_a_third_of_the_pictures_is_exchanged_where_they_hung(storey: Builder) -
 
 @pytest.mark.parametrize('seed', range(3))
 def test_furniture_that_is_moved_leaves_the_ways_free(storey: Builder, seed: int) -> None:
-    standing = changed(storey, seed).builder.standing
+    standing = changed(storey, seed).standing
     low = [piece for piece in standing if piece.bottom < 1.0]
     moved = [piece for piece in low if piece not in storey.standing]
     assert sum('chair' in piece.name for piece in moved) == 2 * len(CELLS) < len(moved)
@@ -184,7 +178,7 @@ def test_furniture_that_is_moved_leaves_the_ways_free(storey: Builder, seed: int
 def test_lamps_of_another_seed_are_others(storey: Builder) -> None:
     first, second, again = (changed(storey, seed) for seed in (1, 2, 1))
     assert first.sources == again.sources != second.sources
-    assert len(first.builder.lamps) < len(storey.lamps)
+    assert len(first.lamps) < len(storey.lamps)
 
 
 @pytest.mark.parametrize(

@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.light import Box, Light, WHITE
+from visual_servo_epipolar.simulation.light import Box, Lamp, Light, WHITE, Window
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface, Texture
 
 GRAIN_SIZE = 1024  # the grain repeats after so many texels
@@ -175,7 +176,18 @@ PANE_DENSITY, FRAME = 100.0, 70  # of windows: texels a metre, grey of the frame
 SHADOW_STEP = 0.1  # the same, where something casts shadows [m]
 
 Painter = Callable[[Painting], None]
+Frame = tuple[FloatArray, FloatArray, FloatArray]  # a corner and both edges [m]
 Material = Callable[[Painting, float], None]
+
+
+class FloorCell(NamedTuple):
+    """A room, or a stretch of corridor: its corners (x0, y0) and (x1, y1) [m]."""
+
+    name: str
+    x0: float
+    y0: float
+    x1: float
+    y1: float
 
 
 @dataclass(frozen=True)
@@ -225,7 +237,7 @@ class Panel:
 
     name: str
     body: str
-    frame: tuple[FloatArray, FloatArray, FloatArray]
+    frame: Frame
     sheet: Painting
     standing: Sequence[Furniture] = ()
 
@@ -261,34 +273,29 @@ class Panel:
 
 class Builder:
     """
-    Collects the painted panels of a room, to be seen by any light.
+    Collects the painted panels of rooms, to be seen by any light.
 
-    ``lamps`` on the ceiling (x, y) and its ``end`` along y are in metres.
+    ``lamps`` on the ceilings (x, y) and the ``end`` of a single room along y are in metres.
+    ``sources`` light a cell alone; ``dimmed`` has the shares that ambient light and that of the
+    lamps have of the usual ones.
     """
 
     def __init__(
-        self, rng: np.random.Generator, lamps: Sequence[tuple[float, float]], end: float
+        self, rng: np.random.Generator, lamps: Sequence[tuple[float, float]], end: float = 0.0
     ) -> None:
         self.rng, self.lamps, self.end = rng, lamps, end
         self.panels: list[Panel] = []
         self.standing: list[Furniture] = []
+        self.sources: dict[FloorCell, tuple[Lamp | Window, ...]] = {}
+        self.dimmed = 1.0, 1.0
         self._grain = fractal_grain(rng)
 
     def copied(self, rng: np.random.Generator) -> 'Builder':
-        """Return a builder of the same room, which is changed by another random generator."""
+        """Return a builder of the same rooms, which is changed by another random generator."""
         other = copy(self)
         other.rng, other.panels, other.standing = rng, [*self.panels], [*self.standing]
+        other.sources = {**self.sources}
         return other
-
-    @property
-    def boxes(self) -> list[Box]:
-        """The boxes that cast shadows."""
-        return [piece.box for piece in self.standing]
-
-    @property
-    def places_of_lamps(self) -> list[FloatArray]:
-        """Where the lamps on the ceiling are, shape (3,) each [m]."""
-        return [np.array([x, y, HEIGHT]) for x, y in self.lamps]
 
     def move(self, piece: Furniture, shift: FloatArray) -> None:
         """Move a piece of furniture by ``shift``, shape (2,) [m]."""
@@ -307,20 +314,33 @@ class Builder:
         }[side]
         edge = np.array([end[0] - start[0], end[1] - start[1], 0.0])
         frame = (np.array([*start, HEIGHT]), edge, np.array([0.0, 0.0, -HEIGHT]))
-        self.panel(f'{side} wall', ROOM, frame, paint, density=density)
+        self._panel(f'{side} wall', frame, paint, density)
 
-    def floor(self, paint: Painter, furniture: Sequence[Furniture]) -> None:
-        """Lay the floor and cast the shadows of furniture on it."""
-        origin = np.array([LEFT, self.end, 0.0])
-        frame = (origin, np.array([RIGHT - LEFT, 0.0, 0.0]), np.array([0.0, REAR - self.end, 0.0]))
-        standing = [piece for piece in furniture if piece.bottom < 0.3]
-        self.panel('floor', ROOM, frame, paint, density=190.0, standing=standing)
+    def cover(
+        self,
+        cell: FloorCell,
+        floor: Painter,
+        ceiling: Callable[[Painting, list[tuple[float, float]]], None],
+        furniture: Sequence[Furniture],
+        densities: tuple[float, float] = (190.0, 150.0),
+    ) -> None:
+        """
+        Lay the floor of a cell, with the shadows of ``furniture`` on it, and hang its ceiling.
 
-    def ceiling(self, paint: Painter) -> None:
-        """Hang the ceiling."""
-        origin = np.array([LEFT, REAR, HEIGHT])
-        frame = (origin, np.array([RIGHT - LEFT, 0.0, 0.0]), np.array([0.0, self.end - REAR, 0.0]))
-        self.panel('ceiling', ROOM, frame, paint, density=150.0)
+        ``ceiling`` paints lamps where they hang on its sheet; ``densities`` are texels a metre.
+        """
+        right, far = np.array([cell.x1 - cell.x0, 0.0, 0.0]), np.array([0, cell.y1 - cell.y0, 0.0])
+        frame = np.array([cell.x0, cell.y1, 0.0]), right, -far
+        low = [piece for piece in furniture if piece.bottom < 0.3]
+        name = f'{cell.name} floor'
+        self._panel(name, frame, floor, densities[0], low)
+        lamps = [
+            (x - cell.x0, y - cell.y0)
+            for x, y in self.lamps
+            if cell.x0 < x < cell.x1 and cell.y0 < y < cell.y1
+        ]
+        frame, name = (np.array([cell.x0, cell.y0, HEIGHT]), right, far), f'{cell.name} ceiling'
+        self._panel(name, frame, lambda sheet: ceiling(sheet, lamps), densities[1])
 
     def stand(self, piece: Furniture, *, density: float = DENSITY) -> None:
         """Put a piece of furniture in its place: all faces but the one it stands on."""
@@ -341,41 +361,62 @@ class Builder:
         grey = float(self.rng.uniform(80.0, 170.0))
         for name, frame in faces.items():
             material = piece.front if name == 'front' else piece.sides
-            paint = _in_grey(material, grey)
-            self.panel(f'{piece.name} {name}', piece.name, frame, paint, density=density)
+            sheet = self._sheet(frame, density)
+            material(sheet, grey)
+            self.panels.append(Panel(f'{piece.name} {name}', piece.name, frame, sheet))
 
-    def panel(
+    def _panel(
         self,
         name: str,
-        body: str,
-        frame: tuple[FloatArray, FloatArray, FloatArray],
+        frame: Frame,
         paint: Painter,
-        *,
-        density: float = DENSITY,
+        density: float,
         standing: Sequence[Furniture] = (),
     ) -> None:
-        """Add a painted rectangle of a ``body``: its ``frame`` is corner and edges [m]."""
-        _, edge_u, edge_v = frame
-        width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
-        sheet = Painting(width, height, density, self.rng, self._grain)
+        """Add a painted rectangle of the room, ``density`` in texels a metre."""
+        sheet = self._sheet(frame, density)
         paint(sheet)
-        self.panels.append(Panel(name, body, frame, sheet, standing))
+        self.panels.append(Panel(name, ROOM, frame, sheet, standing))
+
+    def _sheet(self, frame: Frame, density: float) -> Painting:
+        width, height = (float(np.linalg.norm(edge)) for edge in frame[1:])
+        return Painting(width, height, density, self.rng, self._grain)
 
     def surfaces(self, light: Light) -> list[Surface]:
-        """Return the surfaces of the room as they look by ``light``."""
-        lamps, boxes = self.places_of_lamps, self.boxes
-        return [panel.lit(light, lamps, boxes) for panel in self.panels]
+        """Return the surfaces as they look by ``light`` and the sources; panes are the last."""
+        ambient, ceiling = self.dimmed
+        light = replace(light, ambient=ambient * light.ambient, ceiling=ceiling * light.ceiling)
+        lamps = [np.array([x, y, HEIGHT]) for x, y in self.lamps]
+        boxes = [piece.box for piece in self.standing]
+        found = [panel.lit(self._light_on(panel, light), lamps, boxes) for panel in self.panels]
+        for cell, sources in self.sources.items():
+            found += panes(sources, cell.name)
+        return found
 
-    def panes(self, light: Light) -> list[Surface]:
-        """Return the windows that are part of ``light``, right in front of their walls."""
-        surfaces = []
-        for number, window in enumerate(light.windows):
-            across, down = window.edges
-            origin = np.array(window.middle) - 0.5 * (across + down)
-            origin += 0.01 * np.array(window.normal)
-            texture, name = Texture(_glass(*window.size)), f'window {number}'
-            surfaces.append(Surface(name, name, origin, across, down, texture))
-        return surfaces
+    def _light_on(self, panel: Panel, light: Light) -> Light:
+        """Return the light in the cells that a panel is in."""
+        origin, edge_u, edge_v = panel.frame
+        ends = origin[:2], origin[:2] + edge_u[:2] + edge_v[:2]
+        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+        own = [
+            source
+            for cell, sources in self.sources.items()
+            if cell.x0 < high[0] and cell.x1 > low[0] and cell.y0 < high[1] and cell.y1 > low[1]
+            for source in sources
+        ]
+        return replace(light, sources=(*light.sources, *own))
+
+
+def panes(sources: Sequence[Lamp | Window], cell: str = '') -> list[Surface]:
+    """Return the windows among ``sources`` of light, right in front of their walls."""
+    surfaces = []
+    for number, window in enumerate(each for each in sources if isinstance(each, Window)):
+        across, down = window.edges
+        origin = np.array(window.middle) - 0.5 * (across + down)
+        origin += 0.01 * np.array(window.normal)
+        texture, name = Texture(_glass(*window.size)), f'{cell} window {number}'
+        surfaces.append(Surface(name, name, origin, across, down, texture))
+    return surfaces
 
 
 def _glass(width: float, height: float) -> Image:
@@ -386,10 +427,6 @@ def _glass(width: float, height: float) -> Image:
     cv2.line(image, (columns // 2, 0), (columns // 2, rows), FRAME, 5)
     cv2.line(image, (0, rows // 3), (columns, rows // 3), FRAME, 4)
     return image
-
-
-def _in_grey(material: Material, grey: float) -> Painter:
-    return lambda sheet: material(sheet, grey)
 
 
 def _grid(length: float, step: float) -> FloatArray:

@@ -13,9 +13,11 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import (
     Builder,
+    FloorCell,
     Furniture,
     LEFT,
     Painting,
+    panes,
     REAR,
     RIGHT,
 )
@@ -98,12 +100,6 @@ class PaintedRoom:
         return self._scenes[key]
 
 
-def _room_look(builder: Builder, light: Light, changed_seed: int) -> Scene:
-    """Return a room by a ``light``: it never changes."""
-    light = light.in_room(builder.end)
-    return Scene((*builder.surfaces(light), *builder.panes(light)))
-
-
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 300 MB, a storey as much
 def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
     """Build a room, in one to two seconds; raises ValueError as ``room`` does."""
@@ -115,7 +111,16 @@ def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
     rng = np.random.default_rng((seed, [*KINDS].index(kind)))
     builder = Builder(rng, [(x, y) for x, y in LAMPS if y < end], end)
     build(builder)
-    return PaintedRoom(builder, _room_look, KEPT)
+
+    def look(builder: Builder, light: Light, changed_seed: int) -> Scene:
+        light = light.in_room(end)  # it never changes
+        return Scene((*builder.surfaces(light), *panes(light.sources)))
+
+    return PaintedRoom(builder, look, KEPT)
+
+
+def _cell(builder: Builder) -> FloorCell:
+    return FloorCell('', LEFT, REAR, RIGHT, builder.end)
 
 
 def _furnish(builder: Builder) -> None:
@@ -125,8 +130,7 @@ def _furnish(builder: Builder) -> None:
     builder.wall('left', _wall('pwpdpwppwpwp', builder.rng))
     builder.wall('right', _wall('wppwpdpwpwpp', builder.rng))
     builder.wall('rear', lambda sheet: m.wall(sheet, fittings='pdp'), density=128.0)
-    builder.floor(_floor, pieces)
-    builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder)))
+    builder.cover(_cell(builder), _floor, m.ceiling, pieces)
     for piece in pieces:
         builder.stand(piece)
 
@@ -137,8 +141,7 @@ def _build_walls(builder: Builder, density: float = 240.0, pieces: Sequence[Piec
     for side in ('left', 'right', 'rear'):
         builder.wall(side, m.wall, density=128.0)
     furniture = _ahead(pieces, builder.rng)
-    builder.floor(m.concrete, furniture)
-    builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder), plain=True))
+    builder.cover(_cell(builder), m.concrete, partial(m.ceiling, plain=True), furniture)
     for piece in furniture:
         builder.stand(piece, density=density)
 
@@ -149,13 +152,12 @@ def _furnish_plainly(builder: Builder) -> None:
         paint = m.faded(_wall(fittings, builder.rng))
         builder.wall(side, paint, density=128.0 if side == 'rear' else 220.0)
     pieces = _ahead(PLAIN_PIECES, builder.rng)
-    builder.floor(m.concrete, pieces)
-    builder.ceiling(_plain_ceiling)
+    builder.cover(_cell(builder), m.concrete, _plain_ceiling, pieces)
     for piece in pieces:
         builder.stand(replace(piece, front=m.faded(piece.front), sides=m.faded(piece.sides)))
 
 
-def _plain_ceiling(sheet: Painting) -> None:
+def _plain_ceiling(sheet: Painting, lamps: list[tuple[float, float]]) -> None:
     sheet.fill(205.0)
     sheet.roughen(2.0, zoom=(7.0, 7.0))
 
@@ -174,11 +176,6 @@ def _floor(sheet: Painting) -> None:
         x = 0.5 * (sheet.width - width) + float(sheet.rng.uniform(-0.8, 0.8))
         m.rug(sheet, x, y + float(sheet.rng.uniform(-0.5, 0.5)), float(width), float(height))
     m.wear(sheet, 0.8)
-
-
-def _on_ceiling(builder: Builder) -> list[tuple[float, float]]:
-    """Return where lamps are on the sheet of the ceiling, which begins at the rear left."""
-    return [(x - LEFT, y - REAR) for x, y in builder.lamps]
 
 
 def _ahead(table: Sequence[Piece], rng: np.random.Generator) -> list[Furniture]:

@@ -1,17 +1,18 @@
 """Storey: a ring of corridors around two rooms, two more beside it; what may change in it."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.simulation.light import Lamp, Light, UNCHANGED, Window
-from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import (
     Builder,
+    FloorCell,
     Furniture,
     HEIGHT,
     Painting,
@@ -22,16 +23,6 @@ THICKNESS = 0.12  # of walls [m]
 DOOR = 1.1  # width [m]
 
 Point = tuple[float, float]
-
-
-class FloorCell(NamedTuple):
-    """A room, or a stretch of corridor: its corners (x0, y0) and (x1, y1) [m]."""
-
-    name: str
-    x0: float
-    y0: float
-    x1: float
-    y1: float
 
 
 class WallLine(NamedTuple):
@@ -110,58 +101,23 @@ WINDOWS: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {
 }
 
 
-@dataclass(eq=False)
-class StoreyLook:
-    """
-    A storey as it looks: its ``builder``, its ``light``, and ``sources`` that light a cell alone.
-
-    ``change`` makes another of it, by a seed.
-    """
-
-    builder: Builder
-    light: Light
-    sources: dict[FloorCell, tuple[Lamp | Window, ...]] = field(default_factory=dict)
-
-    def surfaces(self) -> list[Surface]:
-        """Return all surfaces, panes of windows the last."""
-        builder, lamps, boxes = self.builder, self.builder.places_of_lamps, self.builder.boxes
-        found = [panel.lit(self._light_on(panel), lamps, boxes) for panel in builder.panels]
-        for cell, sources in self.sources.items():
-            for pane in builder.panes(replace(self.light, sources=sources)):
-                name = f'{cell.name} {pane.name}'
-                found.append(replace(pane, name=name, body=name))
-        return found
-
-    def _light_on(self, panel: Panel) -> Light:
-        """Return the light in the cells that a panel is in."""
-        origin, edge_u, edge_v = panel.frame
-        ends = origin[:2], origin[:2] + edge_u[:2] + edge_v[:2]
-        low, high = np.min(ends, axis=0), np.max(ends, axis=0)
-        sources = [
-            source
-            for cell, sources in self.sources.items()
-            if cell.x0 < high[0] and cell.x1 > low[0] and cell.y0 < high[1] and cell.y1 > low[1]
-            for source in sources
-        ]
-        return replace(self.light, sources=(*self.light.sources, *sources))
-
-    def change(self, seed: int) -> None:
-        """Change lamps and windows, a third of the pictures, a third of the furniture."""
-        for number, apply in enumerate((_switch_lamps, _exchange_pictures, _move_furniture)):
-            self.builder = self.builder.copied(np.random.default_rng((seed, number)))
-            apply(self)
+def changed(builder: Builder, seed: int) -> Builder:
+    """Return a storey with other lamps and windows, a third other pictures and furniture."""
+    for number, change in enumerate((_switch_lamps, _exchange_pictures, _move_furniture)):
+        builder = builder.copied(np.random.default_rng((seed, number)))
+        change(builder)
+    return builder
 
 
-def _switch_lamps(storey: StoreyLook) -> None:
+def _switch_lamps(builder: Builder) -> None:
     """Switch a third of the lamps off, stand a lamp into most cells, let day in at windows."""
-    builder, light = storey.builder, storey.light
     rng = builder.rng
     is_off = rng.uniform(size=len(builder.lamps)) < SHARE
     off = [lamp for lamp, each in zip(builder.lamps, is_off, strict=True) if each]
     builder.lamps = [lamp for lamp, each in zip(builder.lamps, is_off, strict=True) if not each]
     builder.panels = [_with_lamps_off(panel, off, rng) for panel in builder.panels]
     ambient, ceiling = rng.uniform((0.4, 0.7), (1.1, 1.6)).tolist()
-    storey.light = replace(light, ambient=ambient * light.ambient, ceiling=ceiling * light.ceiling)
+    builder.dimmed = ambient, ceiling
     for cell in CELLS:
         low, high = (cell.x0 + 0.5, cell.y0 + 0.5, 1.4), (cell.x1 - 0.5, cell.y1 - 0.5, 2.2)
         x, y, z = rng.uniform(low, high).tolist()
@@ -169,7 +125,7 @@ def _switch_lamps(storey: StoreyLook) -> None:
         sources: tuple[Lamp | Window, ...] = (lamp,) if rng.uniform() < 0.7 else ()
         if window is not None:
             sources += (_window(*window, rng),)
-        storey.sources[cell] = sources
+        builder.sources[cell] = sources
 
 
 def _with_lamps_off(
@@ -196,9 +152,8 @@ def _window(
     return Window((x, y, 1.75), (2.2, 1.3), sky, sun, sun_from, (nx, ny, 0.0))
 
 
-def _exchange_pictures(storey: StoreyLook) -> None:
+def _exchange_pictures(builder: Builder) -> None:
     """Hang other pictures over a third of those on walls and boards, each where one hung."""
-    builder = storey.builder
     for number, panel in enumerate(builder.panels):
         out = [each for each in panel.sheet.pictures if builder.rng.uniform() < SHARE]
         if out:
@@ -208,9 +163,8 @@ def _exchange_pictures(storey: StoreyLook) -> None:
             builder.panels[number] = replace(panel, sheet=sheet)
 
 
-def _move_furniture(storey: StoreyLook) -> None:
+def _move_furniture(builder: Builder) -> None:
     """Move a third of the furniture along its walls, and put chairs where none stood."""
-    builder = storey.builder
     rng = builder.rng
     names = {cell.name for cell in CELLS}
     for piece in [*builder.standing]:
@@ -220,8 +174,7 @@ def _move_furniture(storey: StoreyLook) -> None:
             builder.move(piece, side * float(rng.uniform(*SHIFT)) * piece.axes()[0][:2])
     for cell in CELLS:
         for number in range(CHAIRS):
-            chair = _chair(cell, f'{cell.name} chair {number}', rng)
-            builder.stand(chair)
+            builder.stand(_chair(cell, f'{cell.name} chair {number}', rng))
 
 
 def _chair(cell: FloorCell, name: str, rng: np.random.Generator) -> Furniture:
@@ -249,10 +202,11 @@ CLEAR, FROM_CORNER = 0.85, 1.05  # of furniture beside an opening, and in corner
 def storey_builder(seed: int) -> Builder:
     """Return the builder of the storey of a seed, with all that stands in it."""
     lamps = [lamp for cell in CELLS for lamp in _lamps(cell)]
-    builder = Builder(np.random.default_rng((seed, 99)), lamps, 0.0)
+    builder = Builder(np.random.default_rng((seed, 99)), lamps)
     for cell in CELLS:
         pieces = [*_along_walls(cell, builder.rng), *_signs(cell)]
-        _lay(builder, cell, pieces)
+        floor = m.concrete if cell.name in CORRIDORS else m.planks
+        builder.cover(cell, floor, m.ceiling, pieces, (150.0, 120.0))
         for piece in pieces:
             builder.stand(piece)
     for number, wall in enumerate(WALLS):
@@ -264,24 +218,9 @@ def storey_builder(seed: int) -> Builder:
 
 def storey_look(builder: Builder, light: Light, changed_seed: int) -> Scene:
     """Return the storey by a ``light``, changed by a seed."""
-    look = StoreyLook(builder, light)
     if changed_seed != UNCHANGED:
-        look.change(changed_seed)
-    return Scene(tuple(look.surfaces()))
-
-
-def _lay(builder: Builder, cell: FloorCell, pieces: list[Furniture]) -> None:
-    """Lay floor and ceiling of a cell."""
-    width, depth = cell.x1 - cell.x0, cell.y1 - cell.y0
-    right, far = np.array([width, 0.0, 0.0]), np.array([0.0, depth, 0.0])
-    floor = (np.array([cell.x0, cell.y1, 0.0]), right, -far)
-    ceiling = (np.array([cell.x0, cell.y0, HEIGHT]), right, far)
-    lamps = [(x - cell.x0, y - cell.y0) for x, y in _lamps(cell)]
-    standing = [piece for piece in pieces if piece.bottom < 0.3]
-    paint = m.concrete if cell.name in CORRIDORS else m.planks
-    names = f'{cell.name} floor', f'{cell.name} ceiling'
-    builder.panel(names[0], ROOM, floor, paint, density=150.0, standing=standing)
-    builder.panel(names[1], ROOM, ceiling, lambda sheet: m.ceiling(sheet, lamps), density=120.0)
+        builder = changed(builder, changed_seed)
+    return Scene(tuple(builder.surfaces(light)))
 
 
 def _put_up(
