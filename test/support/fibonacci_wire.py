@@ -2,7 +2,7 @@
 
 from test_msgs.action import Fibonacci
 
-from visual_servo_epipolar.core.docking.task import Outcome, Task
+from visual_servo_epipolar.core.docking.task import Outcome, State
 
 BY_POSE = 99  # as order: a request that no photograph can serve
 
@@ -15,9 +15,9 @@ class FibonacciWire:
     def request(self, goal) -> tuple[bool, str]:
         return goal.order != BY_POSE, ''
 
-    def feedback(self, task: Task, seconds: float):
+    def feedback(self, state: State, seconds: float):
         assert seconds >= 0.0
-        return Fibonacci.Feedback(sequence=[int(task.state)])
+        return Fibonacci.Feedback(sequence=[int(state)])
 
     def result(self, outcome: Outcome):
         return Fibonacci.Result(sequence=[int(outcome.success), int(outcome.error)])

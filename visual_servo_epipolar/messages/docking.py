@@ -5,12 +5,12 @@ from typing import Any
 
 from builtin_interfaces.msg import Duration
 
-from visual_servo_epipolar.core.docking.task import Outcome, Task
+from visual_servo_epipolar.core.docking.task import Outcome, State
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
 class DockRobotWire:
-    """How requests, tasks and outcomes look in DockRobot of nav2_msgs, of Jazzy and later."""
+    """How requests, states and outcomes look in DockRobot of nav2_msgs, of Jazzy and later."""
 
     def __init__(self, kind: Any) -> None:
         self.kind = kind
@@ -19,16 +19,16 @@ class DockRobotWire:
         """Return whether a goal names a dock, and which; there is no staging pose to go to."""
         return bool(goal.use_dock_id), str(goal.dock_id)
 
-    def feedback(self, task: Task, seconds: float) -> Any:
-        """Return a task, which has taken ``seconds``, as feedback."""
+    def feedback(self, state: State, seconds: float) -> Any:
+        """Return the state of a request, which has taken ``seconds``, as feedback."""
         message = self.kind.Feedback()
-        message.state = int(task.state)
+        message.state = int(state)
         whole = round(seconds * NANOSECONDS)
         message.docking_time = Duration(sec=whole // NANOSECONDS, nanosec=whole % NANOSECONDS)
         return message
 
     def result(self, outcome: Outcome) -> Any:
-        """Return the outcome of a task as result."""
+        """Return the outcome of a request as result."""
         message = self.kind.Result()
         message.success, message.error_code = bool(outcome.success), int(outcome.error)
         if hasattr(message, 'error_msg'):  # the first releases of Jazzy have none

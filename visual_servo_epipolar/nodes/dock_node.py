@@ -1,7 +1,6 @@
 """The dock node: where the photograph was taken, in metres; and docking on request."""
 
 from collections.abc import Callable
-from dataclasses import replace
 import sys
 from typing import Any
 
@@ -14,9 +13,8 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.docking import task as tasks
 from visual_servo_epipolar.core.docking.pose import DockPoseSettings, DockSearch, update_search
-from visual_servo_epipolar.core.docking.task import DockTaskSettings, Error, ServoOrder, Task
+from visual_servo_epipolar.core.docking.task import DockRequest, DockTaskSettings, Error
 from visual_servo_epipolar.core.laws.phase import ARMED
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.odometry.path import PathPlace
@@ -53,12 +51,12 @@ class DockServer:
     ) -> None:
         self._node, self._wire, self._settings = node, wire, settings
         self._goal: Any = None
-        self._task: Task | None = None
+        self._request: DockRequest | None = None
         self._over = Future()
         # Not made by configure: the answer to a start that comes after a cleanup counts as well,
         # and a servo that answers a client that is gone waits in vain.
         self._clients = {
-            order: node.create_client(Trigger, f'{SERVO}/{order.value}') for order in ServoOrder
+            order: node.create_client(Trigger, f'{SERVO}/{order}') for order in ('start', 'stop')
         }
         self._server = ActionServer(
             node,
@@ -74,10 +72,11 @@ class DockServer:
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, REPORTS)
         self._node.create_timer(PERIOD_S, self._on_tick, clock=steady.STEADY)
 
-    def give_up(self, why: str) -> None:
-        """Abort a goal under way, and stop the servo that drives for it."""
-        if self._task is not None and self._task.outcome is None:
-            self._follow(tasks.end(self._task, Error.UNKNOWN, why))
+    def give_up(self, why: str, *, stops: bool = True) -> None:
+        """Abort a goal under way; the servo that drives for it ``stops``."""
+        if self._request is not None:
+            self._request.end(Error.UNKNOWN, why, stops=stops)
+            self._report()
 
     def destroy(self) -> None:
         """Take the server from the node."""
@@ -90,35 +89,28 @@ class DockServer:
         return GoalResponse.REJECT
 
     async def _execute(self, goal: Any) -> Any:
-        if self._task is not None and self._task.outcome is None:  # the new one stops the servo
-            before = tasks.end(self._task, Error.UNKNOWN, 'superseded by another goal')
-            self._over.set_result(before)
+        self.give_up('superseded by another goal', stops=False)  # the new one stops the servo
         over = self._over = Future()
-        self._goal, self._task = goal, None
-        by_id, dock_id = self._wire.request(goal.request)
-        task = tasks.accept_request(by_id, dock_id, self._now(), self._settings())
-        if not self._node.is_active:  # any more: the goal was accepted just before
-            task = replace(tasks.end(task, Error.UNKNOWN, DEACTIVATED), orders=())
-        self._follow(task)
-        task = await over  # one thread is enough: nothing blocks while it waits
-        assert task.outcome is not None
-        if task.outcome.canceled and goal.is_cancel_requested:
+        request = DockRequest(self._order, self._now())
+        self._goal, self._request = goal, request
+        if self._node.is_active:
+            request.accept(*self._wire.request(goal.request), self._settings())
+        else:  # any more: the goal was accepted just before
+            request.end(Error.UNKNOWN, DEACTIVATED, stops=False)
+        self._report()
+        outcome = await over  # one thread is enough: nothing blocks while it waits
+        if outcome.canceled and goal.is_cancel_requested:
             goal.canceled()
-        elif task.outcome.success:
+        elif outcome.success:
             goal.succeed()
         else:
             goal.abort()
-        return self._wire.result(task.outcome)
-
-    def _advance(self, event: Callable[..., Task], *what: Any) -> None:
-        """Follow what an event makes of the task, where there is one."""
-        if self._task is not None:
-            self._follow(event(self._task, *what))
+        return self._wire.result(outcome)
 
     def _hear(self, message: DiagnosticArray) -> None:
         """Take in phase and reason of the servo, or that it drives as soon as it can."""
         servo = self._node.resolve_service_name(f'{SERVO}/start').rpartition('/')[0]
-        if not message.status or message.status[0].name != servo:
+        if self._request is None or not message.status or message.status[0].name != servo:
             return
         report = read.diagnosis(message)
         word, reason = report.get('phase', ''), report.get('reason', '')
@@ -126,51 +118,46 @@ class DockServer:
             phase = None if word == ARMED else phase_named(word)
         except ValueError:
             return  # of another program
-        self._advance(tasks.on_report, phase, reason, self._now())
+        self._request.heard(phase, reason, self._now())
+        self._report()
 
-    def _order(self, order: ServoOrder) -> None:
+    def _order(self, order: str) -> None:
         """Call the service of an ``order``, in any state of the node; follow its answer."""
         client = self._clients[order]
         if client.service_is_ready():
             future = client.call_async(Trigger.Request())
             future.add_done_callback(lambda answer: self._on_answer(order, answer.result()))
-            return
-        name = self._node.resolve_service_name(client.srv_name)
-        refusal = f'service {name} is not available; run the servo, or remap the service'
-        self._advance(tasks.on_answer, order, refusal, self._now())
+        elif self._request is not None:
+            name = self._node.resolve_service_name(client.srv_name)
+            refusal = f'service {name} is not available; run the servo, or remap the service'
+            self._request.answered(order, refusal, self._now())
 
-    def _on_answer(self, order: ServoOrder, response: Any) -> None:
-        refusal = '' if response.success else f'{order.value}: {response.message}'
-        self._advance(tasks.on_answer, order, refusal, self._now())
+    def _on_answer(self, order: str, response: Any) -> None:
+        refusal = '' if response.success else f'{order}: {response.message}'
+        if self._request is not None:
+            self._request.answered(order, refusal, self._now())
+            self._report()
 
     def _on_tick(self) -> None:
-        task = self._task
-        if task is None or task.outcome is not None:
-            return
-        if self._goal.is_cancel_requested:
-            self._follow(tasks.end(task, Error.NONE, 'canceled', canceled=True))
-            return
-        self._follow(tasks.on_tick(task, self._now(), self._settings()))
-        self._publish()
+        request = self._request
+        if request is not None and request.outcome is None:
+            if self._goal.is_cancel_requested:
+                request.end(Error.NONE, 'canceled', canceled=True)
+            request.tick(self._now(), self._settings().servo_timeout)
+            self._report()
 
-    def _follow(self, task: Task) -> None:
-        """Take over a task: carry out its orders, publish its state, end it if it has ended."""
-        before, self._task = self._task, task
-        log = self._node.get_logger()
-        if task.outcome is not None and not self._over.done():
-            error = f' ({task.outcome.error.name})' if task.outcome.error else ''
-            log.info(f'dock_robot: {task.outcome.message}{error}')
-            self._over.set_result(task)
-        elif before is None or task.state is not before.state:
-            self._publish()
-        for order in task.orders:
-            self._order(order)
-
-    def _publish(self) -> None:
-        task = self._task
-        if task is not None and task.outcome is None and self._goal.is_active:
-            seconds = max(self._now() - task.began, 0.0)
-            self._goal.publish_feedback(self._wire.feedback(task, seconds))
+    def _report(self) -> None:
+        """Publish the state of the request under way, or its outcome, once."""
+        request = self._request
+        if request is None or self._over.done():
+            return
+        if (outcome := request.outcome) is not None:
+            error = f' ({outcome.error.name})' if outcome.error else ''
+            self._node.get_logger().info(f'dock_robot: {outcome.message}{error}')
+            self._over.set_result(outcome)
+        elif self._goal.is_active:
+            seconds = max(self._now() - request.began, 0.0)
+            self._goal.publish_feedback(self._wire.feedback(request.state, seconds))
 
     def _now(self) -> float:
         return steady.now_ns() / NANOSECONDS

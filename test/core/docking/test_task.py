@@ -1,50 +1,39 @@
 """Requests to dock: each phase of the servo is a state, each reason an error, each end final."""
 
-from dataclasses import replace
-
 import pytest
 
-from visual_servo_epipolar.core.docking.task import (
-    accept_request,
-    DockTaskSettings,
-    end,
-    Error,
-    on_answer,
-    on_report,
-    on_tick,
-    ServoOrder,
-    Stage,
-    State,
-    Task,
-)
+from visual_servo_epipolar.core.docking.task import DockRequest, DockTaskSettings, Error, State
 from visual_servo_epipolar.core.laws.phase import Phase
 
-SETTINGS = DockTaskSettings()
-START, STOP = ServoOrder.START, ServoOrder.STOP
+TIMEOUT = DockTaskSettings().servo_timeout
 
 
-def asked():
-    return accept_request(True, '', 0.0, SETTINGS)
+class Request(DockRequest):
+    """A request for the dock of a photograph, with the orders that it has given."""
+
+    def __init__(self, by_id=True, dock_id='', has='') -> None:
+        self.orders = []
+        super().__init__(self.orders.append, 0.0)
+        self.accept(by_id, dock_id, DockTaskSettings(dock_id=has))
+
+    def hears(self, *phases, reason='', now=1.0):
+        for phase in phases:
+            self.heard(phase, reason, now)
+        return self
 
 
-def running(task=None):
-    """Return the task, or a new one, after its servo was stopped and started."""
-    task = task or asked()
-    assert task.orders == (STOP,)
-    task = on_report(task, Phase.WAITING, '', 0.0)
-    task = on_answer(task, STOP, '', 0.0)
-    assert task.orders == (START,)
-    return on_answer(task, START, '', 0.0)
+def starting():
+    """Return a request whose servo has been ordered to start, and has not answered."""
+    request = Request().hears(Phase.WAITING, now=0.0)
+    request.answered('stop', '', 0.0)
+    assert request.orders == ['stop', 'start']
+    return request
 
 
-def heard(task, *phases, reason='', now=1.0):
-    for phase in phases:
-        task = on_report(task, phase, reason, now)
-    return task
-
-
-def at(step: Stage, **values: object) -> Task:
-    return Task(0.0, 0.0, 0.0, step=step, **values)  # type: ignore[arg-type]
+def running():
+    request = starting()
+    request.answered('start', '', 0.0)
+    return request
 
 
 @pytest.mark.parametrize(
@@ -57,29 +46,32 @@ def at(step: Stage, **values: object) -> Task:
     ],
 )
 def test_a_dock_without_a_photograph_is_refused(by_id, dock_id, error) -> None:
-    task = accept_request(by_id, dock_id, 0.0, DockTaskSettings(dock_id='home'))
-    assert (task.outcome and task.outcome.error) is error
-    assert task.orders == (STOP,)
+    request = Request(by_id, dock_id, has='home')
+    assert (request.outcome and request.outcome.error) is error
+    assert request.orders == ['stop']
 
 
 def test_reports_of_an_earlier_run_do_not_count() -> None:
-    task = heard(asked(), Phase.ARRIVED)
-    assert task.outcome is None
-    task = on_answer(task, STOP, '', 0.1)
-    assert task.orders == ()  # it has not said that it waits
-    task = heard(task, Phase.ARRIVED)
-    assert task.outcome is None
-    task = heard(task, Phase.WAITING)
-    assert task.orders == (START,)
+    request = Request().hears(None, Phase.ARRIVED)
+    request.answered('stop', '', 0.1)
+    request.hears(Phase.ARRIVED)
+    assert (request.outcome, request.orders) == (None, ['stop'])  # the servo does not wait yet
+    request.hears(Phase.WAITING)
+    assert request.orders == ['stop', 'start']
+    request.answered('start', '', 0.1)
+    assert request.hears(Phase.WAITING).outcome is None  # it was armed by an earlier order
 
 
 def test_a_servo_that_waits_before_its_stop_is_answered_has_been_cleared() -> None:
-    task = heard(asked(), Phase.WAITING, Phase.HOLDING)
-    assert on_answer(task, STOP, '', 0.2).orders == (START,)
+    request = Request().hears(Phase.WAITING, Phase.HOLDING)
+    request.answered('start', '', 0.1)  # of an earlier request
+    assert request.orders == ['stop']
+    request.answered('stop', '', 0.2)
+    assert request.orders == ['stop', 'start']
 
 
 def test_a_robot_that_stands_at_the_dock_is_docked_at_once() -> None:
-    assert heard(running(), Phase.WAITING, Phase.ARRIVED).outcome.success
+    assert running().hears(Phase.WAITING, Phase.ARRIVED).outcome.success
 
 
 @pytest.mark.parametrize(
@@ -92,11 +84,11 @@ def test_a_robot_that_stands_at_the_dock_is_docked_at_once() -> None:
     ids=['approaching', 'lost', 'never seen'],
 )
 def test_a_failure_is_an_error_by_what_the_servo_did_before(phases, error) -> None:
-    task = heard(running(), *phases)
-    assert task.state is (State.CONTROLLING if phases else State.INITIAL_PERCEPTION)
-    task = heard(task, Phase.FAILED, reason='of reasons')
-    assert (task.outcome.error, task.outcome.message) == (error, 'of reasons')
-    assert task.orders == (STOP,)
+    request = running().hears(*phases)
+    assert request.state is (State.CONTROLLING if phases else State.INITIAL_PERCEPTION)
+    request.hears(Phase.FAILED, reason='of reasons')
+    assert (request.outcome.error, request.outcome.message) == (error, 'of reasons')
+    assert request.orders[2:] == ['stop']
 
 
 @pytest.mark.parametrize(
@@ -105,84 +97,67 @@ def test_a_failure_is_an_error_by_what_the_servo_did_before(phases, error) -> No
     ids=['while it drives', 'before'],
 )
 def test_a_servo_that_falls_silent_is_stopped(phases, error) -> None:
-    task = heard(running(), *phases, now=0.0)
-    assert on_tick(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
-    task = on_tick(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
-    assert task.outcome.error is error
-    assert task.orders == (STOP,)
+    request = running().hears(*phases, now=0.0)
+    request.tick(TIMEOUT, TIMEOUT)
+    assert request.outcome is None
+    request.tick(TIMEOUT + 0.1, TIMEOUT)
+    assert request.outcome.error is error
+    assert request.orders[2:] == ['stop']
 
 
-@pytest.mark.parametrize('step', [Stage.CLEARING, Stage.STARTING])
-def test_a_servo_that_never_begins_anew_is_given_up_though_it_talks(step: Stage) -> None:
+@pytest.mark.parametrize(('begin', 'phase'), [(Request, Phase.ARRIVED), (starting, Phase.WAITING)])
+def test_a_servo_that_never_begins_anew_is_given_up_though_it_talks(begin, phase) -> None:
     """Its phase may be that of another robot's servo."""
-    phase = Phase.ARRIVED if step is Stage.CLEARING else Phase.WAITING
-    task = heard(at(step), phase, now=5.0)
-    assert on_tick(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
-    task = on_tick(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
-    assert task.outcome is not None and task.outcome.error is Error.UNKNOWN
-    assert task.outcome.message.startswith('the servo has not begun anew for 5.1 s')
-    assert task.orders == (STOP,)
+    request = begin().hears(phase, now=5.0)
+    request.tick(TIMEOUT, TIMEOUT)
+    assert request.outcome is None
+    request.tick(TIMEOUT + 0.1, TIMEOUT)
+    assert request.outcome.error is Error.UNKNOWN
+    assert request.outcome.message.startswith('the servo has not begun anew for 5.1 s')
+    assert request.orders[-1] == 'stop'
 
 
-def test_a_servo_that_is_stopped_from_elsewhere() -> None:
-    task = heard(running(), Phase.DISPLACING, Phase.WAITING)
-    assert task.outcome.error is Error.FAILED_TO_CONTROL
+def test_a_servo_that_runs_may_take_its_time() -> None:
+    request = running().hears(Phase.DISPLACING, now=100.0)
+    request.tick(100.0 + TIMEOUT, TIMEOUT)
+    assert request.outcome is None
 
 
-@pytest.mark.parametrize('step', Stage)
-def test_an_end_from_outside_stops_the_servo_in_every_step(step) -> None:
-    task = end(at(step), Error.NONE, 'canceled', canceled=True)
-    assert task.orders == (STOP,)
-    assert (task.outcome.canceled, task.outcome.success) == (True, False)
-    assert on_answer(task, STOP, '', 1.0).orders == ()
+@pytest.mark.parametrize('begin', [Request, starting, running])
+def test_an_end_from_outside_stops_the_servo_and_is_final(begin) -> None:
+    request = begin()
+    before = len(request.orders)
+    request.end(Error.NONE, 'canceled', canceled=True)
+    assert request.orders[before:] == ['stop']
+    outcome = request.outcome
+    assert (outcome.canceled, outcome.success) == (True, False)
+    request.answered('stop', 'refused', 1.0)
+    request.hears(Phase.WAITING, Phase.FAILED)
+    request.tick(1e4, TIMEOUT)
+    assert request.outcome is outcome
+    assert len(request.orders) == before + 1
 
 
 def test_a_servo_that_starts_after_the_end_is_stopped_again() -> None:
-    gone = end(running(), Error.UNKNOWN, 'the node ends')
-    late = on_answer(gone, START, '', 2.0)
-    assert late.orders == (STOP,)
-    assert late.outcome is gone.outcome
-    assert on_answer(gone, START, 'refused', 2.0).orders == ()
-    docked = heard(running(), Phase.ARRIVED)
-    assert on_answer(docked, START, '', 2.0).orders == ()
+    ended, docked = starting(), running().hears(Phase.ARRIVED)
+    ended.end(Error.UNKNOWN, 'the node ends')
+    for request in (ended, docked):
+        request.answered('start', 'refused', 2.0)
+        request.answered('start', '', 2.0)
+    assert ended.orders == ['stop', 'start', 'stop', 'stop']
+    assert docked.orders == ['stop', 'start']
 
 
-def test_an_end_is_final() -> None:
-    docked = heard(running(), Phase.ARRIVED)
-    for after in (
-        heard(docked, Phase.FAILED),
-        on_tick(docked, 1e4, SETTINGS),
-        on_answer(docked, STOP, 'refused', 2.0),
-    ):
-        assert after.outcome is docked.outcome
-        assert after.orders == ()
-
-
-def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
-    task = heard(running(), None)
-    assert (task.outcome, task.heard) == (None, 1.0)
-    task = heard(task, Phase.WAITING, reason='~/start has expired')
-    assert (task.outcome.error, task.orders) == (Error.FAILED_TO_DETECT_DOCK, (STOP,))
-
-
-def test_a_servo_that_waits_before_it_has_been_armed_has_not_lapsed() -> None:
-    assert heard(running(), Phase.WAITING).orders == ()
-    task = running(replace(heard(asked(), None), orders=(STOP,)))  # armed by an earlier order
-    assert heard(task, Phase.WAITING).outcome is None
-    assert heard(task, Phase.WAITING).orders == ()
-
-
-def test_answers_out_of_order_start_nothing_and_keep_the_time() -> None:
-    task = on_answer(at(Stage.CLEARING, cleared=True), START, '', 1.0)
-    assert (task.step, task.stopped, task.orders) == (Stage.CLEARING, False, ())
-    for step in (Stage.STARTING, Stage.RUNNING):
-        task = on_answer(at(step, cleared=True, stopped=True), STOP, '', 1.0)
-        assert (task.step, task.step_began, task.orders) == (step, 0.0, ())
-    task = on_answer(at(Stage.RUNNING), START, '', 1.0)
-    assert (task.step, task.step_began) == (Stage.RUNNING, 0.0)
+def test_a_servo_that_stops_by_another_order_or_lapses_ends_it() -> None:
+    assert running().hears(Phase.WAITING).outcome is None  # it has not been armed yet
+    request = running().hears(Phase.DISPLACING, Phase.WAITING)
+    assert request.outcome.error is Error.FAILED_TO_CONTROL
+    request = running().hears(None).hears(Phase.WAITING, reason='~/start has expired')
+    assert request.outcome.error is Error.FAILED_TO_DETECT_DOCK
+    assert request.orders[2:] == ['stop']
 
 
 def test_a_servo_that_drives_before_its_start_is_answered_drives() -> None:
-    task = heard(at(Stage.STARTING), Phase.DISPLACING)
-    assert task.driven
-    assert heard(task, Phase.WAITING).outcome is None  # of before
+    request = starting().hears(Phase.DISPLACING)
+    assert request.driven
+    assert request.hears(Phase.WAITING).outcome is None  # of before
