@@ -9,19 +9,20 @@ It is written all at once, and route.yaml has the hashes of all parts: files of 
 none. Other files in the folder are the user's, and stay. Images are read when they are needed.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 import errno
 import hashlib
 import io
+from itertools import islice
 import json
 from lzma import LZMAError
 import os
 from pathlib import Path
 import re
 from typing import Any, NamedTuple
-from zipfile import BadZipFile, ZIP_LZMA, ZipFile
+from zipfile import BadZipFile
 import zlib
 
 import cv2
@@ -57,9 +58,11 @@ QUALITY, LOSSLESS = 75, 101  # of WebP
 # the binary digits: the noise of each is larger.
 PIXEL_STEP, DESCRIPTOR_STEP, PATH_STEP = 2.0**-4, 16, 2.0**-16
 DEPTH_BITS, BITS = 12, 8
-RENEWED = ('rows', 'pixels', 'sizes', 'angles', 'descriptors')
+KEYPOINTS = ('pixels', 'sizes', 'angles', 'descriptors')  # a row a feature, as the next ones
+STRUCTURES = ('offsets', 'inverse_depth', 'covariance')
 AGAIN = 'copy the folder anew from where it is whole, or teach the route again'
-# What reading a damaged zip raises; RuntimeError where its bytes ask for a password or a method.
+# What reading a damaged zip raises; RuntimeError where its bytes ask for a password or a method,
+# LZMAError of folders that are packed by that.
 DAMAGES = (
     OSError,
     EOFError,
@@ -110,13 +113,13 @@ def write_route(route: Route, folder: Path) -> None:
         with all_at_once(folder) as new:
             before = _own_files(folder)
             parts = _write_files(route, new, folder)
-            foreign = [it for it in parts.keys() - before if os.path.lexists(folder / it)]
+            foreign = [it for it in parts - before if os.path.lexists(folder / it)]
             if foreign:
                 raise InputError(
                     f'{folder / min(foreign)} is no part of the route there, which would replace '
                     'it; move it elsewhere, or name another folder'
                 )
-            (new / FORMER).write_text('\n'.join(before - parts.keys()), encoding='utf-8')
+            (new / FORMER).write_text('\n'.join(before - parts), encoding='utf-8')
     except OSError as error:
         raise _unwritable(folder, error) from None
 
@@ -134,7 +137,7 @@ def _own_files(folder: Path) -> set[str]:
     if not is_route(folder):
         return set()
     try:
-        names = _head(folder).photographs
+        names = [name for row in _head(folder)[0] for name in row.names]
     except InputError:  # damaged: its photographs are known by their names alone
         names = [item.name for item in folder.iterdir()]
     return {ROUTE, CAMERA, STRUCTURE, *filter(PHOTOGRAPH.fullmatch, names)}
@@ -145,55 +148,43 @@ def folder_bytes(folder: Path) -> int:
     return sum(place_of(folder, name).stat().st_size for name in _own_files(folder))
 
 
-def _write_files(route: Route, new: Path, folder: Path) -> dict[str, str]:
-    """Write into ``new`` what is not in ``folder`` as it is; return the hash of each part."""
-    parts: dict[str, str] = {}
+def _write_files(route: Route, new: Path, folder: Path) -> set[str]:
+    """Write into ``new`` what is not in ``folder`` as it is; return the names of all files."""
+    hashes: dict[str, str] = {}
+    lines = []
     for number, view in enumerate(route.views):
-        for name, appearance in zip(_photographs(number, view), view.appearances, strict=True):
-            load = appearance.load
+        names = []
+        for k, load in enumerate(each.load for each in view.appearances):
             stored = load if isinstance(load, StoredPhotograph) else None
-            if stored is not None:
-                content = stored.read()  # as it is: to decode and encode it would lose something
-            else:
+            kind = '.webp' if stored is None else Path(stored.name).suffix
+            names.append(name := f'{number:06d}{f"_{k}" if k else ""}{kind}')
+            if stored is None:
                 quality = [cv2.IMWRITE_WEBP_QUALITY, LOSSLESS if view.is_station else QUALITY]
                 content = cv2.imencode('.webp', load(), quality)[1].tobytes()
-            parts[name] = _hash(content)
+            else:
+                content = stored.read()  # as it is: to decode and encode it would lose something
+            hashes[name] = _hash(content)
             if stored is None or (stored.folder, stored.name) != (folder, name):
                 (new / name).write_bytes(content)
-    structure = _packed(_arrays(route.views))
-    (new / STRUCTURE).write_bytes(structure)
-    camera = camera_file.to_document(route.camera)
-    camera['sha256'] = calibration_hash(route.camera)
-    (new / CAMERA).write_text(yaml.safe_dump(camera), encoding='utf-8')
-    parts |= {STRUCTURE: _hash(structure), CAMERA: camera['sha256']}
-    views = [
-        {
-            'photograph': _photographs(number, view)[0],
+        row = {
+            'photograph': names[0],
             'way': round(view.way, 6),
             'pose': [round(value, 9) for value in view.pose.tolist()],
             'station': view.is_station,
-            **({'renewed': _photographs(number, view)[1:]} if view.renewed else {}),
+            **({'renewed': names[1:]} if view.renewed else {}),
             **({'bridge': asdict(view.bridge)} if view.bridge is not None else {}),
         }
-        for number, view in enumerate(route.views)
-    ]
-    head = f'version: {VERSION}\nlength: {route.length:.6f}  # [m]\ncamera: {CAMERA}\n'
-    # Lists of one line each, which are JSON as well as YAML.
-    lines = [f'- {json.dumps(view)}\n' for view in views]
-    hashes = [f'  {json.dumps(name)}: {json.dumps(parts[name])}\n' for name in sorted(parts)]
-    text = ''.join([head, 'sha256:\n', *hashes, 'views:\n', *lines])
+        lines.append(f'- {json.dumps(row)}\n')  # a line each, which is JSON as well as YAML
+    np.savez_compressed(new / STRUCTURE, **_arrays(route.views))
+    camera = camera_file.to_document(route.camera)
+    camera['sha256'] = calibration_hash(route.camera)
+    (new / CAMERA).write_text(yaml.safe_dump(camera), encoding='utf-8')
+    hashes |= {STRUCTURE: _hash((new / STRUCTURE).read_bytes()), CAMERA: camera['sha256']}
+    head = f'version: {VERSION}\nlength: {route.length:.6f}  # [m]\ncamera: {CAMERA}\nsha256:\n'
+    parts = [f'  {json.dumps(name)}: {json.dumps(hashes[name])}\n' for name in sorted(hashes)]
+    text = ''.join([head, *parts, 'views:\n', *lines])
     (new / ROUTE).write_text(text, encoding='utf-8')
-    return parts | {ROUTE: ''}
-
-
-def _packed(arrays: Mapping[str, Any]) -> bytes:
-    """Return ``arrays`` as np.savez has them, in a tenth less."""
-    file = io.BytesIO()
-    with ZipFile(file, 'w', ZIP_LZMA) as packed:
-        for name, array in arrays.items():
-            with packed.open(f'{name}.npy', 'w') as part:
-                np.lib.format.write_array(part, array, allow_pickle=False)
-    return file.getvalue()
+    return {ROUTE, *hashes}
 
 
 def _hash(content: bytes) -> str:
@@ -206,15 +197,28 @@ def calibration_hash(camera: CameraModel) -> str:
     return _hash(text.encode())
 
 
-def _photographs(number: int, view: RouteView) -> list[str]:
-    """Return the names of the photographs of a key view, its first one first."""
-    loads = [each.load for each in view.appearances]
-    kinds = [Path(it.name).suffix if isinstance(it, StoredPhotograph) else '.webp' for it in loads]
-    return [f'{number:06d}{f"_{k}" if k else ""}{kind}' for k, kind in enumerate(kinds)]
+def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
+    """Return the arrays of all key views: rows are features, or samples of the path."""
+    each = [_columns(view) for view in views]
+    arrays = _joined(each)
+    for name in ('pixels', 'path'):
+        arrays[f'{name}_count'] = np.array([len(columns[name]) for columns in each])
+    looks = [
+        {'rows': it.rows} | _keypoint_columns(it.keypoints)
+        for view in views
+        for it in view.renewed
+    ]
+    if looks:
+        arrays['renewed_count'] = np.array([len(columns['rows']) for columns in looks])
+        arrays |= {f'renewed_{name}': column for name, column in _joined(looks).items()}
+    return arrays
+
+
+def _joined(each: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {name: np.concatenate([columns[name] for columns in each]) for name in each[0]}
 
 
 def _columns(view: RouteView) -> dict[str, Any]:
-    """Return the arrays of a key view, rows are features, or samples of the path."""
     keypoints, structure, path = view.keypoints, view.structure, view.path
     return _keypoint_columns(keypoints) | {
         'offsets': _digits(structure.offsets.T, BITS),
@@ -224,23 +228,6 @@ def _columns(view: RouteView) -> dict[str, Any]:
         'shared': np.concatenate([structure.shared, [structure.jitter, structure.noise]])[None],
         'tuning': np.array([[int(keypoints.tuning or 1)]]),  # type: ignore[call-overload]
     }
-
-
-def _arrays(views: Sequence[RouteView]) -> dict[str, Any]:
-    each = [_columns(view) for view in views]
-    arrays = {name: np.concatenate([columns[name] for columns in each]) for name in each[0]}
-    counts = {f'{name}_count': [len(it[name]) for it in each] for name in ('pixels', 'path')}
-    arrays |= {name: np.array(count) for name, count in counts.items()}
-    renewed = [
-        {'rows': it.rows} | _keypoint_columns(it.keypoints)
-        for view in views
-        for it in view.renewed
-    ]
-    if renewed:
-        arrays['renewed_count'] = np.array([len(columns['rows']) for columns in renewed])
-        for name in RENEWED:
-            arrays[f'renewed_{name}'] = np.concatenate([columns[name] for columns in renewed])
-    return arrays
 
 
 def _keypoint_columns(keypoints: Keypoints) -> dict[str, Any]:
@@ -264,44 +251,42 @@ def _digits(values: FloatArray, bits: int) -> NDArray[np.float32]:
     return np.asarray(np.ldexp(np.rint(np.ldexp(mantissa, bits)), exponent - bits), np.float32)
 
 
-class _Head(NamedTuple):
-    """Content of route.yaml: rows of key views, and hashes of all parts, none of early folders."""
+class _Row(NamedTuple):
+    """Row of a key view in route.yaml; ``names`` are those of its photographs."""
 
-    names: list[list[str]]  # of the photographs of each key view
-    ways: list[float]
-    poses: FloatArray
-    stations: list[bool]
-    bridges: list[Bridge | None]
-    hashes: Mapping[str, str]
-
-    @property
-    def photographs(self) -> list[str]:
-        """The names of all photographs."""
-        return [name for names in self.names for name in names]
+    names: list[str]
+    way: float
+    pose: FloatArray
+    is_station: bool
+    bridge: Bridge | None
 
 
-def _head(folder: Path) -> _Head:
-    """Return what route.yaml says; raises InputError with what is wrong with it."""
+def _head(folder: Path) -> tuple[list[_Row], Mapping[str, str]]:
+    """Return what route.yaml says of key views, and hashes of all parts: none of early folders."""
+    path = folder / ROUTE
     document = _document(place_of(folder, ROUTE))
+    if document.get('version') != VERSION:
+        raise InputError(
+            f'{path} is of version {document.get("version")}, {VERSION} can be read; teach it anew'
+        )
     try:
-        version, rows = document['version'], list(document['views'])
-        names = [
-            [str(name) for name in (row['photograph'], *row.get('renewed', ()))] for row in rows
+        rows = [
+            _Row(
+                [str(name) for name in (row['photograph'], *row.get('renewed', ()))],
+                float(row['way']),
+                np.array(row['pose'], np.float64),
+                bool(row['station']),
+                Bridge(**row['bridge']) if 'bridge' in row else None,
+            )
+            for row in document['views']
         ]
-        poses = np.array([row['pose'] for row in rows], np.float64).reshape(len(rows), 3)
-        ways, stations = [float(it['way']) for it in rows], [bool(it['station']) for it in rows]
-        bridges = [Bridge(**it['bridge']) if 'bridge' in it else None for it in rows]
         hashes = dict(document.get('sha256', {}))
-        head = _Head(names, ways, poses, stations, bridges, hashes)
-        if head.hashes and head.hashes.keys() != {STRUCTURE, CAMERA, *head.photographs}:
+        photographs = {name for row in rows for name in row.names}
+        if hashes and hashes.keys() != {STRUCTURE, CAMERA, *photographs}:
             raise ValueError('its hashes are not those of its parts')
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f'{folder / ROUTE} is cut off or damaged: {error!r}; {AGAIN}') from None
-    if version != VERSION:
-        raise InputError(
-            f'{folder / ROUTE} is of version {version}, {VERSION} can be read; teach it anew'
-        )
-    return head
+        raise InputError(f'{path} is cut off or damaged: {error!r}; {AGAIN}') from None
+    return rows, hashes
 
 
 def read_route(folder: Path) -> Route:
@@ -312,30 +297,26 @@ def read_route(folder: Path) -> Route:
                 f'{folder} is no folder of a route, for it has no {ROUTE}; name one that '
                 'visual_servo route teach, route demo or route_node wrote'
             )
-    head = _head(folder)
-    camera = _camera(place_of(folder, CAMERA), head.hashes.get(CAMERA))
-    _refuse_missing(folder, head.photographs)
-    renewed = [len(names) - 1 for names in head.names]
-    parts = _parts(place_of(folder, STRUCTURE), renewed, head.hashes.get(STRUCTURE))
-    shape = camera.height, camera.width
-    loads = [
-        [StoredPhotograph(folder, name, shape, head.hashes.get(name)) for name in names]
-        for names in head.names
-    ]
-    try:
-        rows = zip(loads, parts, head.ways, head.poses, head.stations, head.bridges, strict=True)
-        return Route(camera, tuple(_key_view(*row) for row in rows))
-    except (KeyError, IndexError, ValueError) as error:
-        raise InputError(f'{folder}: the route is damaged: {error}; {AGAIN}') from None
-
-
-def _refuse_missing(folder: Path, names: Sequence[str]) -> None:
+    rows, hashes = _head(folder)
+    camera = _camera(place_of(folder, CAMERA), hashes.get(CAMERA))
+    names = [name for row in rows for name in row.names]
     missing = [name for name in names if not place_of(folder, name).is_file()]
     if missing:
         raise InputError(
             f'{folder}: {len(missing)} of {len(names)} photographs are missing, the first is '
             f'{missing[0]}; {AGAIN}'
         )
+    others = [len(row.names) - 1 for row in rows]
+    parts = _parts(place_of(folder, STRUCTURE), hashes.get(STRUCTURE), others)
+    shape = camera.height, camera.width
+    loads = [
+        [StoredPhotograph(folder, name, shape, hashes.get(name)) for name in row.names]
+        for row in rows
+    ]
+    try:
+        return Route(camera, tuple(map(_key_view, rows, loads, parts)))
+    except (KeyError, IndexError, ValueError) as error:
+        raise InputError(f'{folder}: the route is damaged: {error}; {AGAIN}') from None
 
 
 def _document(path: Path) -> Mapping[str, Any]:
@@ -363,35 +344,77 @@ def _camera(path: Path, expected: str | None) -> CameraModel:
     return camera
 
 
-def _parts(path: Path, renewed: Sequence[int], sha256: str | None) -> list[dict[str, Any]]:
-    """Return the arrays of each key view, which was ``renewed`` so many times."""
-    count = len(renewed)
+def _parts(path: Path, sha256: str | None, others: Sequence[int]) -> list[dict[str, Any]]:
+    """Return the columns of each key view, which has so many photographs of ``others`` days."""
     try:
         with np.load(io.BytesIO(_read(path, sha256)), allow_pickle=False) as file:
             arrays = dict(file)
-        looks = _renewed_parts(arrays, sum(renewed))
-        features, samples = (np.cumsum(arrays.pop(f'{it}_count')) for it in ('pixels', 'path'))
-        ends = {name: features for name in arrays} | {'path': samples}
-        ends |= dict.fromkeys(('shared', 'tuning'), np.arange(1, count + 1))
-        split = {name: np.split(array, ends[name][:-1]) for name, array in arrays.items()}
-        parts = [{name: parts[k] for name, parts in split.items()} for k in range(count)]
+        columns = zip(
+            others,
+            _split(arrays, (*KEYPOINTS, *STRUCTURES), arrays['pixels_count']),
+            _split(arrays, ('path',), arrays['path_count']),
+            arrays['shared'],
+            arrays['tuning'],
+            strict=True,
+        )
+        names, counts = ('rows', *KEYPOINTS), arrays.get('renewed_count', np.zeros(1, int))
+        looks = iter(_split(arrays, names, counts, 'renewed_') if any(others) else [])
         return [
-            part | {'renewed': [next(looks) for _ in range(times)]}
-            for part, times in zip(parts, renewed, strict=True)
+            features
+            | path
+            | {'shared': shared, 'tuning': int(tuning[0]), 'renewed': list(islice(looks, count))}
+            for count, features, path, shared, tuning in columns
         ]
     except DAMAGES as error:
         raise InputError(f'{path} is missing, cut off or damaged: {error}; {AGAIN}') from None
 
 
-def _renewed_parts(arrays: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
-    """Take the arrays of photographs of other days out of ``arrays``; yield those of each."""
-    if not count:
-        return iter(())
-    ends = np.cumsum(arrays.pop('renewed_count'))
-    if len(ends) != count:
-        raise ValueError(f'{len(ends)} photographs of other days, {count} are named')
-    split = {name: np.split(arrays.pop(f'renewed_{name}'), ends[:-1]) for name in RENEWED}
-    return iter([{name: parts[k] for name, parts in split.items()} for k in range(count)])
+def _split(
+    arrays: Mapping[str, Any], names: Sequence[str], counts: Any, prefix: str = ''
+) -> list[dict[str, Any]]:
+    """Return the columns of each key view or photograph, which have so many rows."""
+    parts = [np.split(arrays[f'{prefix}{name}'], np.cumsum(counts)[:-1]) for name in names]
+    return [dict(zip(names, columns, strict=True)) for columns in zip(*parts, strict=True)]
+
+
+def _key_view(
+    row: _Row, loads: Sequence['StoredPhotograph'], part: Mapping[str, Any]
+) -> RouteView:
+    keypoints, path, shared = _keypoints(part, part['tuning']), part['path'], part['shared']
+    offsets, inverse_depth, covariance = (part[name].astype(np.float64) for name in STRUCTURES)
+    structure = LocalStructure(
+        keypoints.pixels,
+        offsets.T,
+        inverse_depth,
+        covariance.transpose(1, 2, 0),
+        shared[:SHARED],
+        *[*shared[SHARED:].tolist(), FORMER_NOISE_PX][:2],
+    )
+    if not all(np.isfinite(getattr(structure, item.name)).all() for item in fields(structure)):
+        raise ValueError('a structure must be finite')
+    renewed = tuple(
+        Appearance(load, _keypoints(look, part['tuning']), look['rows'])
+        for load, look in zip(loads[1:], part['renewed'], strict=True)
+    )
+    if any(look.rows.max(initial=0) >= len(keypoints) for look in renewed):
+        raise ValueError('a photograph of another day has features that the key view has not')
+    taught = TaughtPath(path[:, 0], path[:, 1:4], path[:, 4], path[:, 5])
+    return RouteView(
+        loads[0],
+        keypoints,
+        structure,
+        taught,
+        row.way,
+        row.pose,
+        row.is_station,
+        renewed,
+        row.bridge,
+    )
+
+
+def _keypoints(columns: Mapping[str, Any], tuning: int) -> Keypoints:
+    pixels, sizes, angles, descriptors = (columns[it].astype(np.float64) for it in KEYPOINTS)
+    return Keypoints(pixels, sizes, angles, descriptors.astype(np.float32), tuning)
 
 
 def _read(path: Path, sha256: str | None) -> bytes:
@@ -436,42 +459,3 @@ class StoredPhotograph:
                 f'route, got {image.shape[1]}x{image.shape[0]} of {image.dtype}; {AGAIN}'
             )
         return np.asarray(image, np.uint8)
-
-
-def _key_view(
-    loads: Sequence[StoredPhotograph],
-    part: Mapping[str, Any],
-    way: float,
-    pose: Any,
-    is_station: bool,
-    bridge: Bridge | None,
-) -> RouteView:
-    shared, path = part['shared'][0], part['path']
-    tuning = int(part['tuning'][0, 0])
-    keypoints = _keypoints(part, tuning)
-    structure = LocalStructure(
-        keypoints.pixels,
-        part['offsets'].T.astype(np.float64),
-        part['inverse_depth'].astype(np.float64),
-        part['covariance'].transpose(1, 2, 0).astype(np.float64),
-        shared[:SHARED],
-        float(shared[SHARED]),
-        float(shared[SHARED + 1]) if len(shared) > SHARED + 1 else FORMER_NOISE_PX,
-    )
-    if not all(np.isfinite(getattr(structure, item.name)).all() for item in fields(structure)):
-        raise ValueError('a structure must be finite')
-    taught = TaughtPath(path[:, 0], path[:, 1:4], path[:, 4], path[:, 5])
-    renewed = tuple(
-        Appearance(load, _keypoints(look, tuning), look['rows'])
-        for load, look in zip(loads[1:], part['renewed'], strict=True)
-    )
-    if any(look.rows.max(initial=0) >= len(keypoints) for look in renewed):
-        raise ValueError('a photograph of another day has features that the key view has not')
-    return RouteView(
-        loads[0], keypoints, structure, taught, way, pose, is_station, renewed, bridge
-    )
-
-
-def _keypoints(part: Mapping[str, Any], tuning: int) -> Keypoints:
-    pixels, sizes, angles = (part[it].astype(np.float64) for it in ('pixels', 'sizes', 'angles'))
-    return Keypoints(pixels, sizes, angles, part['descriptors'].astype(np.float32), tuning)

@@ -321,7 +321,7 @@ def test_a_disk_that_is_full_leaves_the_earlier_route(folder: Path, monkeypatch)
     def full(*_: object, **__: object) -> None:
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(np.lib.format, 'write_array', full)
+    monkeypatch.setattr(np, 'savez_compressed', full)
     with pytest.raises(InputError, match='No space left on device'):
         write_route(route_of(*map(key_view, range(2))), folder)
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
