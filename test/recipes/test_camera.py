@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import CameraRow
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.scenario import from_document
@@ -16,7 +16,7 @@ LOWEST = 0.6  # cosine of the elevation that its mirror shows at least
 
 
 @dataclass(frozen=True, slots=True)
-class Panorama(ImageIntrinsics):
+class Panorama(CameraModel):
     """All bearings in one row: u goes with the bearing, v with the elevation."""
 
     distortion_model: str = 'panorama'

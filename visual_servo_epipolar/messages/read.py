@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.cameras.registry import (
     calibrated_camera,
+    checked_matrix,
     scaled,
     with_intrinsics,
 )

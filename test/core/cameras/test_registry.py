@@ -10,7 +10,6 @@ import pytest
 from strategies import floats
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
-from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.plausibility import (
     doubtful_tilt,
@@ -19,6 +18,7 @@ from visual_servo_epipolar.core.cameras.plausibility import (
 )
 from visual_servo_epipolar.core.cameras.registry import (
     calibrated_camera,
+    checked_matrix,
     scaled,
 )
 

@@ -6,12 +6,8 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
-from visual_servo_epipolar.core.cameras.intrinsics import (
-    ImageIntrinsics,
-    ROUND_TRIP_PX,
-    sheared,
-)
+from visual_servo_epipolar.core.arrays import as_points, FloatArray, packed
+from visual_servo_epipolar.core.cameras.model import CameraModel
 
 COEFFICIENTS = (0, 4)
 WIDEST = math.radians(170.0)  # from the axis: no lens sees farther, and directions end at 180
@@ -23,7 +19,7 @@ TOLERANCE = 1e-14  # of the angle [rad]
 
 
 @dataclass(frozen=True, slots=True)
-class Equidistant(ImageIntrinsics):
+class Equidistant(CameraModel):
     """
     Fisheye lens.
 
@@ -41,7 +37,7 @@ class Equidistant(ImageIntrinsics):
     planar = None
 
     def __post_init__(self) -> None:
-        ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
+        CameraModel.__post_init__(self)  # super() does not know a class with slots
         if len(self.distortion) not in COEFFICIENTS:
             raise ValueError(
                 f'an equidistant lens must have 4 coefficients, got {len(self.distortion)}; '
@@ -78,12 +74,7 @@ class Equidistant(ImageIntrinsics):
         radius = np.where(theta <= self.reach, _radius(theta, self.distortion), np.nan)
         scale = np.divide(radius, aside, out=np.where(theta == 0.0, 1.0, np.nan), where=aside > 0)
         pixels = rays[:, :2] * scale[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
-        return sheared(self, np.asarray(pixels), self.skew)
-
-    def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
-        """Return which ``pixels``, shape (N, 2), come back from their ``rays``, (N, 3): (N,)."""
-        error = self.pixels(rays) - pixels
-        return np.asarray(np.hypot(error[:, 0], error[:, 1]) <= ROUND_TRIP_PX)
+        return self.sheared(np.asarray(pixels), self.skew)
 
     def resolution(self, rays: FloatArray) -> FloatArray:
         """
@@ -101,7 +92,7 @@ class Equidistant(ImageIntrinsics):
 
 def _in_focals(camera: Equidistant, pixels: FloatArray) -> FloatArray:
     """Return ``pixels``, (N, 2), from the principal point, in focal lengths, without skew."""
-    straight = sheared(camera, pixels, -camera.skew)
+    straight = camera.sheared(pixels, -camera.skew)
     return np.asarray((straight - [camera.cx, camera.cy]) / [camera.fx, camera.fy])
 
 

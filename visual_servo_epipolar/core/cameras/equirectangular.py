@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
-from visual_servo_epipolar.core.cameras.intrinsics import ImageIntrinsics
+from visual_servo_epipolar.core.cameras.model import CameraModel
 
 NAME = 'equirectangular'
 LEAST_LEVEL = 0.3  # cosine of an elevation: nearer to a pole a row is as exact, a column is not
@@ -20,7 +20,7 @@ SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
 
 
 @dataclass(frozen=True, slots=True)
-class Equirectangular(ImageIntrinsics):
+class Equirectangular(CameraModel):
     """Panorama: u goes with the bearing from -180 to 180 deg, v with the elevation, down."""
 
     distortion_model: str = NAME
@@ -30,7 +30,7 @@ class Equirectangular(ImageIntrinsics):
     edges = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
-        ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
+        CameraModel.__post_init__(self)  # super() does not know a class with slots
         size = f'{self.width}x{self.height} px'
         if self.height > 0.5 * self.width + SLACK:
             raise ValueError(

@@ -8,11 +8,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
-from visual_servo_epipolar.core.cameras.intrinsics import (
-    ImageIntrinsics,
-    ROUND_TRIP_PX,
-    sheared,
-)
+from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera, ROUND_TRIP_PX
 from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD, unit_rays
 
 STEP = 1e-5  # on the image plane, that the slope of the distortion is taken over
@@ -27,21 +23,19 @@ DISTORTION_MODELS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Camera(ImageIntrinsics):
+class Camera(PlanarCamera):
     """
     Pinhole camera with the distortion models of CameraInfo.
 
-    Camera axes: x right, y down, z forward. ``rays`` and ``pixels`` speak of directions, unit
-    vectors (x, y, z), as those of every ``CameraModel`` do; ``image_points`` and ``pixels_of`` of
-    image-plane points (x/z, y/z), which only a pinhole has.
+    ``rays`` and ``pixels`` speak of directions, unit vectors (x, y, z), as those of every camera
+    do; ``image_points`` and ``pixels_of`` of image-plane points (x/z, y/z), which only a pinhole
+    has.
     """
 
     distortion_model: str = 'plumb_bob'
 
-    wide = wraps = False  # its image is a plane
-
     def __post_init__(self) -> None:
-        ImageIntrinsics.__post_init__(self)  # super() does not know a class with slots
+        CameraModel.__post_init__(self)  # super() does not know a class with slots
         allowed = DISTORTION_MODELS.get(self.distortion_model)
         if allowed is None or len(self.distortion) not in allowed:
             raise ValueError(
@@ -54,16 +48,6 @@ class Camera(ImageIntrinsics):
     def lens(self) -> str:
         """Name of the lens, for messages."""
         return self.distortion_model if self.distorts else 'pinhole'
-
-    @property
-    def planar(self) -> 'Camera':
-        """The camera itself: its image is a plane."""
-        return self
-
-    @property
-    def distorts(self) -> bool:
-        """Whether any distortion coefficient differs from zero."""
-        return any(self.distortion)
 
     @property
     def edges(self) -> tuple[float, float]:
@@ -80,7 +64,7 @@ class Camera(ImageIntrinsics):
             If ``pixels`` has another shape or holds NaN.
 
         """
-        points = sheared(self, as_points(pixels, 'pixels'), -self.skew)
+        points = self.sheared(as_points(pixels, 'pixels'), -self.skew)
         if self.distorts and len(points):
             return _undistort(points, self.matrix, np.array(self.distortion))
         return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
@@ -96,7 +80,7 @@ class Camera(ImageIntrinsics):
             pixels = np.asarray(projected, dtype=np.float64).reshape(-1, 2)
         else:
             pixels = points * [self.fx, self.fy] + [self.cx, self.cy]
-        return sheared(self, pixels, self.skew)  # which OpenCV's functions leave out
+        return self.sheared(pixels, self.skew)  # which OpenCV's functions leave out
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return the directions, unit vectors of shape (N, 3), that ``pixels``, (N, 2), show."""
@@ -120,13 +104,7 @@ class Camera(ImageIntrinsics):
         return np.asarray(aside & (np.hypot(error[:, 0], error[:, 1]) <= ROUND_TRIP_PX))
 
     def resolution(self, rays: FloatArray) -> FloatArray:
-        """
-        Return the angle of a pixel at each of ``rays``, shape (N, 3): (N,) [rad].
-
-        It is the square root of its solid angle: the deviation of the angle of a ray, along
-        either of two axes across it, where pixels have a deviation of one. Rays that no pinhole
-        sees have that of the farthest it does.
-        """
+        """Return the angle of a pixel at each of ``rays``, shape (N, 3): (N,) [rad]."""
         forward = np.maximum(rays[:, 2], LEAST_FORWARD)
         resolution = np.asarray(forward * np.sqrt(forward) / math.sqrt(self.fx * self.fy))
         if not self.distorts or not len(rays):

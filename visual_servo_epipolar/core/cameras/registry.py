@@ -4,8 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras import equidistant, equirectangular, pinhole
-from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.registry import Registry
 
@@ -43,6 +45,8 @@ CAMERAS: Registry[CameraRow] = Registry(
 )
 UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
 CAMERA_INFO = 'camera_info'  # the projection that is calibrated, not given
+ZERO_PX, ZERO_PER_PX = 1e-6, 1e-9  # what rounding leaves where K has a zero
+ZERO_SHARE = 1e-9  # the same where it has a one, of the largest number
 # Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
 SYNONYMS = {
     'none': '',
@@ -90,6 +94,48 @@ def calibrated_camera(
     (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
     kept = _fitting(distortion, row.coefficients)
     return row.factory(*size, fx, fy, cx, cy, kept, name, skew=skew)
+
+
+def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:
+    """
+    Return the three columns of K (nine numbers by rows) or P (twelve) that make pixels, (3, 3).
+
+    Rows are (fx, s, cx), (0, fy, cy), (0, 0, 1) up to a common factor, which is divided out.
+
+    Raises
+    ------
+    ValueError
+        If they are not, as in a matrix that is written by columns.
+
+    """
+    rows = np.array(numbers, dtype=np.float64).reshape(3, -1)
+    if not np.isfinite(rows).all():
+        raise ValueError(f'intrinsics must be finite, {name} is {rows.tolist()}; calibrate')
+    if not rows.any():  # an uncalibrated camera
+        return rows[:, :3]
+    matrix = _normalised(rows)
+    if matrix is not None:
+        return matrix
+    values = ', '.join(f'{value:g}' for value in numbers)
+    expected = '(fx, s, cx), (0, fy, cy), (0, 0, 1)'
+    if _normalised(rows.reshape(-1, 3).T) is not None:
+        raise ValueError(
+            f'{name} is transposed: its rows must be {expected}, got {values}, which are its '
+            f'columns; write {name} row by row'
+        )
+    raise ValueError(
+        f'the rows of {name} must be {expected}, got {values}; calibrate, or mend its writer'
+    )
+
+
+def _normalised(rows: FloatArray) -> FloatArray | None:
+    """Return the left part of ``rows``, (3, 3), with a last row 0, 0, 1; None if it has none."""
+    if abs(rows[2, 2]) <= ZERO_SHARE * np.abs(rows).max():
+        return None
+    rows = rows / rows[2, 2]
+    last = np.abs(np.delete(rows[2], 2))
+    is_whole = abs(rows[1, 0]) <= ZERO_PX and last.max() <= ZERO_PER_PX
+    return rows[:, :3] if is_whole else None
 
 
 def camera_of_size(projection: str, size: tuple[int, int]) -> CameraModel:

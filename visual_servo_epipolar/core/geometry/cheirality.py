@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
 VOTE_SATURATION = 3.0  # deviations beyond which a match counts no more for a sign
-AHEAD_SHARE = 0.6  # of the matches that vote, without which a geometry is in doubt
 
 Plane: TypeAlias = tuple[FloatArray, FloatArray]  # x and z of rays, shape (..., N) each
 
@@ -91,7 +90,7 @@ def cheirality(
     phasors = np.exp(1j * np.array([bearings.psi, bearings.phi]))
     everyone = np.ones(len(current), bool)
     planes = (current[:, 0], current[:, 2]), (desired[:, 0], desired[:, 2])
-    balance = float(_balance(_votes(phasors, *planes, np.asarray(noise)), everyone))
+    balance = float(depth_balance(phasors, *planes, everyone, np.asarray(noise)))
     return Vote(oriented(bearings.psi, bearings.phi, balance), min(abs(balance), 1.0))
 
 
@@ -101,36 +100,16 @@ def oriented(psi: float, phi: float, balance: float) -> Bearings:
     return bearings.reversed() if balance < 0.0 else bearings
 
 
-def balances_ahead(
+def depth_balance(
     phasors: ComplexArray, current: Plane, desired: Plane, voting: BoolArray, noise: FloatArray
-) -> tuple[FloatArray, BoolArray]:
+) -> FloatArray:
     """
-    Return the balance of the matches that lie ahead, shape (...), and which those are, (..., N).
+    Return by how much depths speak for bearings, 1, or for their reverse, -1: shape (...).
 
-    The balance runs from 1, for the bearings, to -1, for their reverse. ``phasors`` are exp(i psi)
-    and exp(i phi), shape (..., 2); rays of upright cameras are given by x and z; ``voting``, shape
-    (..., N), says which match votes, ``noise``, (..., N), is the deviation of their angles [rad].
-    A look-alike that was found along the epipolar line fits the geometry. Only its depth tells:
-    beyond infinity, which is behind both cameras. Where more than a few of the ``voting`` matches
-    are there, the geometry is in doubt, not they: then all count, and the vote is undecided.
+    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2); rays of upright cameras are given by
+    x and z; ``voting``, shape (..., N), says which match votes, ``noise``, (..., N), is the
+    deviation of their angles [rad].
     """
-    votes = _votes(phasors, current, desired, noise)
-    balance = _balance(votes, voting)
-    behind = votes * np.where(balance < 0.0, -1.0, 1.0)[..., None] <= -2.0 * VOTE_SATURATION**2
-    ahead = voting & ~behind
-    kept = ahead.sum(axis=-1) >= AHEAD_SHARE * voting.sum(axis=-1)
-    ahead = np.where(kept[..., None], ahead, voting)
-    return _balance(votes, ahead), ahead
-
-
-def _balance(votes: FloatArray, voting: BoolArray) -> FloatArray:
-    """Return the mean of ``votes``, (..., N), over the ``voting``, 1 if all are certain: (...)."""
-    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=-1), 1)
-    return np.asarray((votes * voting).sum(axis=-1) / total)
-
-
-def _votes(phasors: ComplexArray, current: Plane, desired: Plane, noise: FloatArray) -> FloatArray:
-    """Return the signs of both depths of matches, weighed by their parallax, shape (..., N)."""
     (x_a, z_a), (x_d, z_d) = current, desired
     psi = phasors[..., :1]
     turn = psi * phasors[..., 1:].conj()  # exp(i (alpha + pi / 2))
@@ -144,4 +123,6 @@ def _votes(phasors: ComplexArray, current: Plane, desired: Plane, noise: FloatAr
     size = np.sqrt((x_d * x_d + z_d * z_d) * (x_a * x_a + z_a * z_a)) + TINY
     weight = cross * cross / (size * (noise * noise))
     np.minimum(weight, VOTE_SATURATION**2, out=weight)
-    return np.asarray(weight * (np.sign(depth_current) + np.sign(depth_desired)))
+    votes = weight * (np.sign(depth_current) + np.sign(depth_desired))
+    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=-1), 1)
+    return np.asarray((votes * voting).sum(axis=-1) / total)

@@ -9,7 +9,7 @@ small angles it is |p|^2, it grows as |p|^2 does when the camera comes closer, a
 counts by what it tells, one behind the camera as well.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import Any
 
@@ -123,41 +123,36 @@ def measured(
     """Return the measurement of one observation, by its best ``rotation`` and its ``estimate``."""
     geometry, quality, bearings = estimate.estimate, estimate.quality, estimate.bearings
     heading_error = rotation.heading_error if bearings is None else bearings.heading_error
-    counted = usual_matches(observation, estimate)
-    keep = settings.keep_features
-    reach, present = margins(observation.current, counted, observation, keep)
-    known: dict[str, Any] = {}
+    memory, counted = estimate.memory, usual_matches(observation, estimate)
+    reach, present = margins(observation.current, counted, observation, settings.keep_features)
+    of_fit: dict[str, Any] = {}
     if geometry is not None and quality is not None:
-        known = {
+        of_fit = {
             'deviation': quality.deviation,
             'covariance': geometry.whole_covariance * quality.growth**2,
             'jump': geometry.jump,
             'confidence': geometry.confidence,
             'inliers': quality.inliers,
         }
-    difference, deviation = math.nan, math.nan
-    if not estimate.memory.two_view_skip:
-        difference, deviation = differences(
-            observation, rotation, heading_error, counted, estimate.memory, settings
-        )
-    return Measurement(
+    measurement = Measurement(
         observation.stamp_ns,
         len(observation),
         observation.focal,
-        estimate.memory.noise,
+        memory.noise,
         bearings=bearings,
-        parallax=_parallax(observation, rotation, heading_error, estimate.memory, settings),
+        parallax=_parallax(observation, rotation, heading_error, memory, settings),
         heading_error=heading_error,
         rivals=estimate.rivals,
         rotation_heading=rotation.heading_error,
-        difference=difference,
-        difference_deviation=deviation,
         feature_error=median(distances(observation.current, observation.desired)),
         view_margins=reach,
         present_margins=present,
         reason=estimate.reason,
-        **known,
+        **of_fit,
     )
+    if memory.two_view_skip:
+        return measurement
+    return measure_difference(measurement, observation, rotation, counted, memory, settings)
 
 
 def margins(
@@ -198,25 +193,26 @@ def _parallax(
     return math.sqrt(max(rotation.parallax * rotation.parallax - spurious * spurious, 0.0))
 
 
-def differences(
+def measure_difference(
+    measurement: Measurement,
     observation: Observation,
     rotation: RotationFit,
-    heading_error: float,
     counted: BoolArray,
     memory: PerceptionMemory,
     settings: PerceptionSettings,
-) -> tuple[float, float]:
-    """Return D, of features turned as the goal is where settings say so, and its deviation."""
+) -> Measurement:
+    """Return the ``measurement`` with D, of features turned as the goal where settings say so."""
     current, desired, wide = observation.current, observation.desired, observation.wide
     if settings.compensates:
         # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
-        better = rotation_desired_current(heading_error - rotation.heading_error)
+        better = rotation_desired_current(measurement.heading_error - rotation.heading_error)
         level = current @ (better @ rotation.rotation).T
         difference = usual_difference(level, desired, wide, counted)
     else:
         difference = feature_difference(current, desired, wide)
     noise = memory.noise / observation.focal
-    return difference, difference_deviation(current, desired, noise, wide)
+    deviation = difference_deviation(current, desired, noise, wide)
+    return replace(measurement, difference=difference, difference_deviation=deviation)
 
 
 def feature_difference(

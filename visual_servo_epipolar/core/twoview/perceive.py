@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.twoview.measurement import (
-    differences,
+    measure_difference,
     measured,
     Measurement,
     usual_matches,
@@ -103,7 +103,5 @@ def with_difference(perception: Perception, settings: PerceptionSettings) -> Mea
         return measurement
     rotation = fit_rotation(observation.current, observation.desired)
     skipped = ValidatedEstimate(perception.memory, Reason.SKIPPED.of())
-    counted = usual_matches(observation, skipped)
-    heading = measurement.heading_error
-    both = differences(observation, rotation, heading, counted, perception.memory, settings)
-    return replace(measurement, difference=both[0], difference_deviation=both[1])
+    counted, memory = usual_matches(observation, skipped), perception.memory
+    return measure_difference(measurement, observation, rotation, counted, memory, settings)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray, packed, TINY
-from visual_servo_epipolar.core.geometry.cheirality import AHEAD_SHARE, balances_ahead
+from visual_servo_epipolar.core.geometry.cheirality import depth_balance
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
@@ -43,6 +43,7 @@ POWERS = np.array([2.0, 2.0, 1.0, 2.0, 2.0, 1.0, 1.0, 1.0, 0.0])  # of r, by row
 KNOWN = 1e12  # information of what does not move
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
 REACH = 2.0  # how far hypotheses of the focal length reach, in deviations of the prior
+AHEAD_SHARE = 0.6  # of the matches that vote, without which a geometry is in doubt
 DEPTH_DEVIATIONS = 3.0  # of parallax, and of the way to the epipole: a depth has its sign then
 
 S_X = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
@@ -171,10 +172,10 @@ def in_front_of(rays: Rays, agree: BoolArray, angles: FloatArray) -> tuple[Float
     voting = agree & plausible(upright, INLIER_DEVIATIONS * rays.noise)
     phasors = np.exp(1j * angles[..., : PHI + 1])
     planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
-    balance, ahead = balances_ahead(phasors, *planes, voting, upright.noise)
-    in_front = ahead & ~_behind(phasors, upright, balance)
+    balance = depth_balance(phasors, *planes, voting, upright.noise)
+    in_front = voting & ~_behind(phasors, upright, balance)
     kept = in_front.sum(axis=-1) >= AHEAD_SHARE * voting.sum(axis=-1)
-    return balance, np.where(kept[..., None], in_front, ahead)
+    return balance, np.where(kept[..., None], in_front, voting)
 
 
 def _behind(bearings: ComplexArray, upright: Rays, balance: FloatArray) -> BoolArray:
