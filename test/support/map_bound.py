@@ -129,7 +129,7 @@ class TrialErrors:
         return math.sqrt(float(self.squares.mean()) / 3.0)
 
 
-def localize(drive: StudyTrial) -> MapLocalization:
+def localize(drive: StudyTrial) -> MapLocalization | None:
     """Return what the memory says of the last view of a drive."""
     last = len(drive.views) - 1
     _, said = map_after_drive(drive).after(drive.observations(last), drive.motion(last))
@@ -143,15 +143,17 @@ def errors_of(settings: StudySettings, seeds: Iterable[int]) -> TrialErrors:
     for seed in seeds:
         drive = trial(settings, seed)
         said = localize(drive)
-        if said.reason:
+        if said is None:
             silent += 1
             continue
         error = (said.pose - drive.views[-1])[PLANE]
         rows.append(error)
         bounds.append(np.sqrt(np.diag(bound(drive))[PLANE]))
         squares.append(error @ np.linalg.solve(said.covariance[PLANE, PLANE], error))
-        outliers = set(np.flatnonzero(~drive.right.any(0)).tolist()) & set(said.ids.tolist())
-        dropped = set(said.dropped.tolist())
+        outliers = set(np.flatnonzero(~drive.right.any(0)).tolist()) & set(
+            said.geometry.window.ids.tolist()
+        )
+        dropped = set(said.geometry.wrong.tolist())
         found += len(outliers & dropped)
         wrong += len(outliers)
         innocent += len(dropped - outliers)

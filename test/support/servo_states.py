@@ -76,8 +76,9 @@ def reading(
         pose=np.array([lateral, longitudinal, heading_error, 0.0, 0.0]),
         covariance=covariance,
         own=np.diag([1e-4, 1e-4, 1e-5, 0.0, 0.0]) ** 2,
+        geometry=None,
         inliers=np.ones(50, bool),
-        depth=5.0,
+        shift=np.zeros(5),
         difference_slope=0.04,
     )
     return replace(said, **changes)

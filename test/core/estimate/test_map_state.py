@@ -14,15 +14,15 @@ from servo_states import asked, goal, in_phase, reading
 from visual_servo_epipolar.core.estimate.map_state import (
     localize,
     MapState,
-    reading_in_view,
     sharpened,
+    with_slope,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.laws.conditions import lateral_offset
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.rigs.rig import Command
@@ -127,30 +127,21 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
     assert after.motion.slope.value == 0.008
 
 
-def test_where_nothing_is_said_there_is_no_reading() -> None:
-    said, rays = MapLocalization('no geometry'), np.tile([0.0, 0.0, 1.0], (4, 1))
-    assert reading_in_view(said, Observation(0, rays, rays, 769.0, ids=np.arange(4))) is None
-
-
 def test_a_wrong_match_has_no_part_in_d() -> None:
-    ids, rays = np.arange(4), np.tile([0.1, 0.0, 1.0], (4, 1)) / math.sqrt(1.01)
-    said = MapLocalization(
-        pose=np.array([0.0, -0.5, 0.0, 0.0, 0.0]),
-        covariance=1e-6 * np.eye(5),
-        own=1e-6 * np.eye(5),
-        ids=ids,
-        dropped=ids[3:],
-        inverse_depth=np.array([0.2, 0.2, 0.2, 500.0]),
-        photograph=rays,
-        counted=ids < 3,
-        depth=5.0,
-    )
-    seen = Observation(0, rays, rays, 769.0, ids=ids)
-    found = reading_in_view(said, seen)
-    assert found is not None
-    assert found.difference_slope == pytest.approx(2.0 * 0.01 * 0.2 * math.sqrt(1.01), rel=1e-6)
-    again = reading_in_view(said, seen)
-    assert again is not None and again.difference_slope == found.difference_slope
+    drive = trial(StudySettings(), 3)
+    memory, seen = after_drive(drive), drive.observations(len(drive.views) - 1)
+    observation = Observation(0, seen.current, seen.desired, 769.0, ids=seen.ids)
+    _, said = memory.after(seen, learns=False)
+    at = said.geometry.evaluation
+    near = at.unknowns.inverse_depth.copy()
+    near[:3] = 500.0
+    nearer = replace(at, unknowns=replace(at.unknowns, inverse_depth=near))
+    slopes = [
+        with_slope(replace(said, geometry=Geometry(each)), observation).difference_slope
+        for trusted in (np.arange(len(near)) >= 3, np.ones(len(near), bool))
+        for each in (replace(at, trusted=trusted), replace(nearer, trusted=trusted))
+    ]
+    assert slopes[0] == slopes[1] < 0.1 * slopes[3]
 
 
 def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:

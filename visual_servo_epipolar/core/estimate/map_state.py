@@ -96,10 +96,8 @@ def first_pose(mean: FloatArray, own: FloatArray, decayed_motion: Motion) -> Fil
 
 def filter_pose(
     said: MapLocalization, place: FilteredPose | None, motion: Motion
-) -> tuple[MapLocalization, FilteredPose | None]:
+) -> tuple[MapLocalization, FilteredPose]:
     """Return a recollection averaged with those before it, and the place for the next."""
-    if said.reason:
-        return said, None
     mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
     if place is None:
         return said, first_pose(mean, own, Motion(abs(motion.way), abs(motion.turn)))
@@ -185,22 +183,20 @@ def localize(
     The ``increment`` driven since the last view gives the scale. A lens that is being learnt
     would move the rays that keyframes hold: with one nothing is remembered.
     """
-    observation, motion = perception.observation, increment.motion
+    seen, motion = perception.observation, increment.motion
     if not settings.remembers:
         return MapState(), None
     bounds = settings.map_by_wheels if increment.trusted else BY_COMMANDS
     views = _views_of(before.views, perception.memory.mount_by(settings), bounds)
     if views is not before.views:
         before = replace(before, place=None)  # it was of another scale, or floor
-    if observation is None or observation.ids is None:
+    if seen is None or seen.ids is None:
         return MapState(views), None
     is_few = perception.measurement.features < settings.min_features
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
-    noise = np.maximum(perception.memory.noise * observation.resolution, ROUNDING)
-    observations = FeatureObservations(
-        observation.ids, observation.current, observation.desired, noise
-    )
+    noise = np.maximum(perception.memory.noise * seen.resolution, ROUNDING)
+    observations = FeatureObservations(seen.ids, seen.current, seen.desired, noise)
     after, said = _localized(views, observations, perception, increment, learns=not is_few)
     if is_few:
         is_over = few_s >= settings.few_features_timeout
@@ -211,10 +207,12 @@ def localize(
             unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
             is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
             return MapState(unseen, place, few_s, is_over), None
-    if observation.head is not None:
+    if said is None:
+        return MapState(after, None, few_s), None
+    if seen.head is not None:
         said = with_heading_noise(said, encoder_noise)
     said, place = filter_pose(said, before.place, motion)
-    return MapState(after, place, few_s), reading_in_view(said, observation)
+    return MapState(after, place, few_s), with_slope(said, seen)
 
 
 def _views_of(views: KeyframeMap | None, mount: Attitude, bounds: MapSettings) -> KeyframeMap:
@@ -233,7 +231,7 @@ def _localized(
     increment: OdometryIncrement,
     *,
     learns: bool,
-) -> tuple[KeyframeMap, MapLocalization]:
+) -> tuple[KeyframeMap, MapLocalization | None]:
     measurement, motion, other = perception.measurement, increment.motion, increment.other
     bearings = () if measurement.bearings is None else (measurement.bearings,)
     return views.after(
@@ -247,12 +245,12 @@ def _localized(
 
 
 def _carries(
-    said: MapLocalization, ids: IntArray, place: FilteredPose | None, motion: Motion
+    said: MapLocalization | None, ids: IntArray, place: FilteredPose | None, motion: Motion
 ) -> bool:
     """Return whether few features, of ``ids`` (N,), show the robot where it has driven to."""
-    if said.reason or place is None:
+    if said is None or place is None:
         return False
-    known = are_among(ids, said.ids) & ~are_among(ids, said.dropped)
+    known = are_among(ids, said.geometry.window.ids[said.geometry.trusted])
     if int(said.inliers.sum()) < max(LEAST_CARRIED, CARRIED_SHARE * int(known.sum())):
         return False
     return agrees(said, place.after(motion))
@@ -316,14 +314,12 @@ def sharpened(
     )
 
 
-def reading_in_view(said: MapLocalization, observation: Observation) -> MapLocalization | None:
+def with_slope(said: MapLocalization, observation: Observation) -> MapLocalization:
     """Return what is said, with D over features in view, or over all where none of them is."""
-    if said.reason or observation.ids is None:
-        return None
-    counted = said.counted
-    in_view = counted & are_among(said.ids, observation.ids)
-    counted = in_view if in_view.any() else counted
-    slope = difference_slope(
-        said.photograph[counted], said.inverse_depth[counted], wide=observation.wide
-    )
+    window, counted = said.geometry.window, said.geometry.trusted
+    if observation.ids is not None:
+        in_view = counted & are_among(window.ids, observation.ids)
+        counted = in_view if in_view.any() else counted
+    near = said.geometry.unknowns.inverse_depth[counted]
+    slope = difference_slope(window.photograph[counted], near, wide=observation.wide)
     return replace(said, difference_slope=slope)

@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray, ROUNDING
+from visual_servo_epipolar.core.arrays import FloatArray, ROUNDING
 from visual_servo_epipolar.core.estimate.base_model import (
+    DELAYS,
     largest_dead_band,
     MOST_CONTRADICTIONS,
     MOST_CURVATURE,
@@ -30,43 +31,42 @@ from visual_servo_epipolar.core.estimate.base_model import (
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
-from visual_servo_epipolar.core.stamps import MOST_GAP_S, NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.stamps import MOST_GAP_S, seconds_between
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 COMMON, COMMON_SHARE = 8, 0.4  # features that two views must have in common, of the first one's
 NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordinate
 STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of a standing robot at most [rad], [deviations]
 TURN_DEVIATIONS = 6.0  # that a turn between two views may be wrong by, of a parallax
-DELAYS: FloatArray = np.linspace(0.0, MOST_DELAY_S, 16)  # [s]
-ASKED_TURN, ASKED_PARALLAX = 0.1, 10.0  # that show a standing robot [rad], [deviations]
-# The same of slow commands, of which a dead band may swallow some, and for how long at least [s].
-ASKED_SLOWLY, SLOWLY_S = 1.5, 3.0
-UNRESPONSIVE_S = 6.0  # of any commands, to a base that did not follow, nor has moved since [s]
+ASKED_TURN, MOVED_PARALLAX = 0.1, 11.0  # that are certainly seen, if made [rad], [deviations]
+# For how long slow commands, that a dead band may swallow, are not followed at least, and any at
+# all by a base that did not follow before, nor has moved since [s].
+SLOWLY_S, UNRESPONSIVE_S = 3.0, 6.0
 SHARE = 0.25  # of what was commanded, that a standing robot moves at most
 # By which a turn may differ from commands: at least [rad], and in parallax, which a rotation alone
 # explains wrong.
 LEAST_TURN, TURN_OF_PARALLAX = 0.04, 1.5
 AGAINST = 0.4, 2.5  # turns seen over turns commanded, of an image that turns against commands
-SOON_S, TOLD_TURN = 0.5, 0.01  # in which a base usually follows, and a turn that counts [rad]
-MOVED_PARALLAX = 12.0  # of a robot moved while it was to stand [deviations]
+SOON_S = 0.5  # in which a base usually follows
 TURNED_BACK = 0.3  # of a turn, after a single wrong reading
 LEAST_SLIP = 0.02  # that ends a run [rad]
 STAMPS_S = 0.02  # by which stamps of joints and images may be apart
 LATELY = 0.9  # of the fastest rate, one image later
 LEAP = 3.0  # times the usual parallax: no slip changes it, look-alikes of another place do
 NOISES = 8.0  # of an encoder, of that turn
-TURN_RATIOS = 0.5, 1.2  # of turns over those commanded; of worse wheels the noise is larger
+# Turns over those commanded: of any base, and of one of which more is noise of the encoder.
+ANY_RATIO, USUAL_RATIO = (0.0, MOST_TURN_RATIO), (0.5, 1.2)
 NOISE, SMOOTHING = 0.004, 0.05  # of an unknown encoder [rad], weight of the newest
 LASTING_S = 1.0  # of a reference, if anything moved since
 QUIET_S = 1.0  # after a contradiction, before the run may go on
 
 
-class Reference(NamedTuple):
-    """View at ``stamp_ns``: ``ids``, (N,), and unit rays, (N, 3), of its features."""
+class Evidence(NamedTuple):
+    """What an image shows: noise of a ray [rad], parallax of a metre [rad/m], 0 while unknown."""
 
-    stamp_ns: int
-    ids: IntArray
-    rays: FloatArray
+    observation: Observation
+    noise: float
+    parallax_of_way: float
 
 
 class ViewMotion(NamedTuple):
@@ -83,59 +83,16 @@ class ViewMotion(NamedTuple):
         return within and self.parallax < STANDING_PARALLAX * self.noise
 
 
-def view_motion(reference: Reference, here: Reference, noise: float) -> ViewMotion | None:
+def view_motion(before: Observation, now: Observation, noise: float) -> ViewMotion | None:
     """Return the motion between two views; None where they cannot tell."""
-    if here.stamp_ns <= reference.stamp_ns:
+    if before.ids is None or now.ids is None or now.stamp_ns <= before.stamp_ns:
         return None
-    _, now, before = np.intersect1d(
-        here.ids, reference.ids, assume_unique=True, return_indices=True
-    )
+    _, here, there = np.intersect1d(now.ids, before.ids, assume_unique=True, return_indices=True)
     # What is left of many may be those that are wrong.
-    if len(now) < max(COMMON, COMMON_SHARE * len(reference.ids)):
+    if len(here) < max(COMMON, COMMON_SHARE * len(before)):
         return None
-    fit = fit_rotation(here.rays[now], reference.rays[before])
+    fit = fit_rotation(now.current[here], before.current[there])
     return ViewMotion(fit.heading_error, fit.parallax, max(NOISE_OF_PARALLAX * noise, ROUNDING))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Asked:
-    """
-    Turns [rad] and parallaxes [rad] commanded while the view stood, since the first of them.
-
-    Both have shape (2,): of a base that obeys at once, and of one that is as late as any.
-    ``unresponsive`` says that the base stood where it had to move, and has not moved since.
-    ``dead_band`` is what it does not follow, as far as is known [m/s, rad/s]: another one is to
-    be tried first.
-    """
-
-    since_ns: int | None = None
-    turns: FloatArray = field(default_factory=lambda: np.zeros(2))
-    parallaxes: FloatArray = field(default_factory=lambda: np.zeros(2))
-    unresponsive: bool = False
-    dead_band: tuple[float, float] = (0.0, 0.0)
-
-    def below(self, dead_band: tuple[float, float]) -> 'Asked':
-        """Return what was asked of a base with that ``dead_band``."""
-        if dead_band == self.dead_band:
-            return self
-        return Asked(unresponsive=self.unresponsive, dead_band=dead_band)
-
-    def after(self, window: 'CommandWindow', parallax_of_way: float) -> 'Asked':
-        """Return what was asked with the commands of a ``window`` more."""
-        turns, ways = window.turns[[0, -1]], window.ways[[0, -1]]
-        if self.since_ns is None and not turns[0] and not ways[0]:
-            return self
-        return Asked(
-            window.begin_ns if self.since_ns is None else self.since_ns,
-            self.turns + turns,
-            self.parallaxes + parallax_of_way * ways,
-            self.unresponsive,
-            self.dead_band,
-        )
-
-    def seconds(self, now_ns: int) -> float:
-        """Return for how long something has been asked [s]."""
-        return 0.0 if self.since_ns is None else seconds_between(self.since_ns, now_ns)
 
 
 class CommandWindow(NamedTuple):
@@ -160,62 +117,97 @@ class CommandWindow(NamedTuple):
         """Ways commanded in it, less each of DELAYS: (N,) [m]."""
         return self.sent.ways(self.begin_ns, self.end_ns, DELAYS)
 
-    def unfollowed(self, axis: str, least: float) -> float:
-        """Return what was commanded that any base follows by now, faster than ``least``."""
-        began = self.sent.since([getattr(twist, axis) for twist in self.sent.twists], least)
-        if began is None:
-            return 0.0
-        late_ns = round(MOST_DELAY_S * NANOSECONDS)
-        begin_ns, end_ns = max(began, self.begin_ns - late_ns), self.end_ns - late_ns
-        if end_ns <= begin_ns:
-            return 0.0
-        driven = self.sent.turns if axis == 'angular' else self.sent.ways
-        late = np.array([0.0, MOST_DELAY_S])
-        return float(np.abs(driven(begin_ns + late_ns, self.end_ns, late)).min())
+    def unexplained(
+        self, turn: float, slack: float, ratios: tuple[float, float], most: float = MOST_DELAY_S
+    ) -> float:
+        """
+        Return what commands leave of a ``turn``, signed [rad], beyond a ``slack``.
+
+        The base makes of what is commanded between the ``ratios``, late by at ``most`` so much.
+        """
+        turns = self.turns[most >= DELAYS]
+        low = min(ratio * float(turns.min()) for ratio in ratios) - slack
+        high = max(ratio * float(turns.max()) for ratio in ratios) + slack
+        return min(turn - low, 0.0) + max(turn - high, 0.0)
 
 
-def contradiction(
-    window: CommandWindow,
-    seen: ViewMotion,
-    asked: Asked,
-    parallax_of_way: float,
-    settings: DriveSettings,
-) -> str:
-    """Return how what was ``seen`` contradicts the commands; or ''."""
-    trouble = _against(window, seen) or _moved(window, seen)
-    if trouble or not seen.stands:
-        return trouble
-    return _standing(window, seen, parallax_of_way, settings) or _standing_long(
-        window, seen, asked
+@dataclass(frozen=True, slots=True, eq=False)
+class Asked:
+    """
+    Turns [rad] and ways [m] commanded while the view stood, since the first of them.
+
+    Both have shape (2,): of a base that obeys at once, and of one that is as late as any.
+    ``unresponsive`` says that the base stood where it had to move, and has not moved since.
+    ``dead_band`` is what it does not follow, as far as is known [m/s, rad/s]: another one is to
+    be tried first.
+    """
+
+    since_ns: int | None = None
+    turns: FloatArray = field(default_factory=lambda: np.zeros(2))
+    ways: FloatArray = field(default_factory=lambda: np.zeros(2))
+    unresponsive: bool = False
+    dead_band: tuple[float, float] = (0.0, 0.0)
+
+    def after(self, window: CommandWindow, settings: DriveSettings) -> 'Asked':
+        """Return what was asked with the commands of a ``window`` more."""
+        dead_band = settings.dead_band_linear, settings.dead_band_angular
+        before = self
+        if dead_band != self.dead_band:
+            before = Asked(unresponsive=self.unresponsive, dead_band=dead_band)
+        turns, ways = window.turns[[0, -1]], window.ways[[0, -1]]
+        if before.since_ns is None and not turns[0] and not ways[0]:
+            return before
+        return replace(
+            before,
+            since_ns=window.begin_ns if before.since_ns is None else before.since_ns,
+            turns=before.turns + turns,
+            ways=before.ways + ways,
+        )
+
+    def unfollowed(
+        self, seen: ViewMotion, now_ns: int, parallax_of_way: float, settings: DriveSettings
+    ) -> str:
+        """Return in words what a base that stands had to follow by now; or ''."""
+        lasted = 0.0 if self.since_ns is None else seconds_between(self.since_ns, now_ns)
+        if self.unresponsive and lasted > UNRESPONSIVE_S:
+            return _not_followed('a slow motion')
+
+        def is_due(asked: FloatArray, limit: float) -> bool:
+            """Whether it lasted long, or any base follows commands as fast as these."""
+            fast = abs(asked[0]) > largest_dead_band(limit) * lasted
+            return bool(fast) or lasted >= SLOWLY_S
+
+        turn, way = (float(np.abs(asked).min()) for asked in (self.turns, self.ways))
+        shows = turn > ASKED_TURN and abs(seen.turn) < SHARE * turn
+        if shows and is_due(self.turns, settings.max_angular):
+            return _not_followed(f'a turn of {turn:.2f} rad')
+        shows = way * parallax_of_way > MOVED_PARALLAX * seen.noise
+        if shows and is_due(self.ways, settings.max_linear):
+            return _not_followed(f'a motion of {way:.2f} m')
+        return ''
+
+
+def _not_followed(commanded: str) -> str:
+    return (
+        f'the base does not follow: {commanded} was commanded, and the view stands still; check '
+        'that cmd_vel reaches the base and has its message type, that its motors are on, and that '
+        'no emergency stop is pressed'
     )
 
 
-def unexplained_turn(window: CommandWindow, seen: ViewMotion) -> float:
-    """Return what commands and noise leave unexplained of a turn, signed [rad]."""
-    turns, slack = window.turns, TURN_DEVIATIONS * seen.noise
-    low = MOST_TURN_RATIO * min(float(turns.min()), 0.0) - slack
-    high = MOST_TURN_RATIO * max(float(turns.max()), 0.0) + slack
-    return beyond(seen.turn, low, high)
-
-
-def beyond(value: float, low: float, high: float) -> float:
-    """Return by how much a value is below ``low``, negative, or above ``high``."""
-    return min(value - low, 0.0) + max(value - high, 0.0)
-
-
-def turn_of_way(window: CommandWindow, seen: ViewMotion) -> float:
-    """Return the turn that a way makes, of unequal wheels or by its parallax [rad]."""
-    curved = MOST_CURVATURE * float(np.abs(window.ways).max())
-    return curved + TURN_OF_PARALLAX * seen.parallax
-
-
-def _against(window: CommandWindow, seen: ViewMotion) -> str:
-    """Return how a turn contradicts all that was commanded; or ''."""
-    if abs(unexplained_turn(window, seen)) <= LEAST_TURN + turn_of_way(window, seen):
+def contradiction(window: CommandWindow, seen: ViewMotion) -> str:
+    """Return how a base that moved contradicts the commands; or ''."""
+    turns, ways = window.turns, window.ways
+    if not turns.any() and not ways.any() and seen.parallax >= MOVED_PARALLAX * seen.noise:
+        return (
+            'the robot moves although no motion is commanded; check whether something else '
+            'publishes cmd_vel or pushes the robot'
+        )
+    left = window.unexplained(seen.turn, TURN_DEVIATIONS * seen.noise, ANY_RATIO)
+    if abs(left) <= LEAST_TURN + turn_of_way(window, seen):
         return ''
-    turns = window.turns
     soon = turns[DELAYS <= SOON_S]  # of one side: the other would have explained it
-    ratios = -seen.turn / soon[np.abs(soon) > TOLD_TURN]
+    ratios = -seen.turn / soon[np.abs(soon) > STANDING_TURN]
     if ((ratios > AGAINST[0]) & (ratios < AGAINST[1])).any():
         return (
             f'the image turns against the command: upside down or mirrored? {seen.turn:.2f} rad '
@@ -229,50 +221,10 @@ def _against(window: CommandWindow, seen: ViewMotion) -> str:
     )
 
 
-def _moved(window: CommandWindow, seen: ViewMotion) -> str:
-    """Return that a robot that was to stand was moved; or ''."""
-    if window.turns.any() or window.ways.any() or seen.parallax < MOVED_PARALLAX * seen.noise:
-        return ''
-    return (
-        'the robot moves although no motion is commanded; check whether something else publishes '
-        'cmd_vel or pushes the robot'
-    )
-
-
-def _standing(
-    window: CommandWindow, seen: ViewMotion, parallax_of_way: float, settings: DriveSettings
-) -> str:
-    """Return what was commanded and not followed at all; or ''."""
-    turn = window.unfollowed('angular', largest_dead_band(settings.max_angular))
-    if turn > ASKED_TURN and abs(seen.turn) < SHARE * turn:
-        return _not_followed(f'a turn of {turn:.2f} rad')
-    way = window.unfollowed('linear', largest_dead_band(settings.max_linear))
-    if way * parallax_of_way > ASKED_PARALLAX * seen.noise:
-        return _not_followed(f'a motion of {way:.2f} m')
-    return ''
-
-
-def _standing_long(window: CommandWindow, seen: ViewMotion, asked: Asked) -> str:
-    """Return that slow commands were not followed for long; or ''."""
-    lasted = asked.seconds(window.end_ns)
-    turn, parallax = (float(np.abs(each).min()) for each in (asked.turns, asked.parallaxes))
-    if asked.unresponsive and lasted > UNRESPONSIVE_S:
-        return _not_followed('a slow motion')
-    if lasted < SLOWLY_S:
-        return ''
-    if turn > ASKED_SLOWLY * ASKED_TURN and abs(seen.turn) < SHARE * turn:
-        return _not_followed(f'a turn of {turn:.2f} rad')
-    if parallax > ASKED_SLOWLY * ASKED_PARALLAX * seen.noise:
-        return _not_followed('a visible motion')
-    return ''
-
-
-def _not_followed(commanded: str) -> str:
-    return (
-        f'the base does not follow: {commanded} was commanded, and the view stands still; check '
-        'that cmd_vel reaches the base and has its message type, that its motors are on, and that '
-        'no emergency stop is pressed'
-    )
+def turn_of_way(window: CommandWindow, seen: ViewMotion) -> float:
+    """Return the turn that a way makes, of unequal wheels or by its parallax [rad]."""
+    curved = MOST_CURVATURE * float(np.abs(window.ways).max())
+    return curved + TURN_OF_PARALLAX * seen.parallax
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -286,7 +238,7 @@ class HeadCheck:
     mean size of what turns leave unexplained [rad], ``parallax`` that between the last two views.
     """
 
-    previous: Reference | None = None
+    previous: Observation | None = None
     pan: float = 0.0
     rate: float = 0.0
     fastest: float = 0.0
@@ -296,67 +248,65 @@ class HeadCheck:
     slip: str = ''
 
     def updated(
-        self,
-        here: Reference,
-        pan: float,
-        sent: CommandsSent,
-        *,
-        ray_noise: float,
-        parallax_of_way: float,
-        latency: float,
+        self, pan: float, evidence: Evidence, sent: CommandsSent, latency: float
     ) -> 'HeadCheck':
         """Return the check after one more view, of a base that obeys with a ``latency`` [s]."""
+        here = evidence.observation
         anew = replace(self, previous=here, pan=pan, rate=0.0, suspected=0.0)
         if self.previous is None or self.slip:
             return anew
         window = CommandWindow(self.previous.stamp_ns, here.stamp_ns, sent)
-        seen = view_motion(self.previous, here, ray_noise) if window.seconds < MOST_GAP_S else None
-        if seen is None:
-            return anew
-        rate = (pan - self.pan) / window.seconds
-        left, most = _unexplained(window, seen, latency)
-        rest, _ = _unexplained(window, seen, latency, slack=TURN_OF_PARALLAX * seen.parallax)
-        limit = max(LEAST_SLIP, NOISES * self.noise, TURN_RATIOS[0] * most)
-        fastest = max(abs(rate), LATELY * self.fastest)
+        fits = window.seconds < MOST_GAP_S
+        seen = view_motion(self.previous, here, evidence.noise) if fits else None
+        return anew if seen is None else self._judge(anew, window, seen, evidence, latency)
+
+    def _judge(
+        self,
+        anew: 'HeadCheck',
+        window: CommandWindow,
+        seen: ViewMotion,
+        evidence: Evidence,
+        latency: float,
+    ) -> 'HeadCheck':
+        """Return the check after what was ``seen`` since the previous view."""
+        latest, turns = latency + SOON_S, window.turns[latency + SOON_S >= DELAYS]
+        left, rest = (
+            window.unexplained(seen.turn, slack, USUAL_RATIO, latest)
+            for slack in (TURN_DEVIATIONS * seen.noise, TURN_OF_PARALLAX * seen.parallax)
+        )
+        limit = max(LEAST_SLIP, NOISES * self.noise, USUAL_RATIO[0] * float(np.abs(turns).max()))
+        rate = (anew.pan - self.pan) / window.seconds
         by_stamps = STAMPS_S * abs(rate - self.rate)
-        noise = self.noise + SMOOTHING * (min(max(abs(rest) - by_stamps, 0.0), limit) - self.noise)
+        off = min(max(abs(rest) - by_stamps, 0.0), limit)
+        after = replace(
+            anew,
+            rate=rate,
+            fastest=max(abs(rate), LATELY * self.fastest),
+            noise=self.noise + SMOOTHING * (off - self.noise),
+            parallax=seen.parallax,
+        )
+        limit += by_stamps
         if self.suspected:
             back = -left * math.copysign(1.0, self.suspected) > TURNED_BACK * abs(self.suspected)
-            lasts = not back and abs(self.suspected) > limit + by_stamps
-            slip = _slip(self.suspected) if lasts else ''
-            return HeadCheck(here, pan, rate, fastest, 0.0, noise, seen.parallax, slip)
-        suspected = left if abs(left) > limit + by_stamps else 0.0
-        usual = self.parallax + parallax_of_way * float(np.abs(window.ways).max())
-        if suspected and seen.parallax > LEAP * usual + MOVED_PARALLAX * seen.noise:
+            lasts = not back and abs(self.suspected) > limit
+            return replace(after, slip=_slip(self.suspected) if lasts else '')
+        usual = self.parallax + evidence.parallax_of_way * float(np.abs(window.ways).max())
+        if abs(left) <= limit:
+            return after
+        if seen.parallax > LEAP * usual + MOVED_PARALLAX * seen.noise:
             return replace(anew, previous=None, parallax=0.0)  # no slip: features of another place
-        return HeadCheck(here, pan, rate, fastest, suspected, noise, seen.parallax)
+        return replace(after, suspected=left)
 
-    def since(
-        self, before: Reference, here: Reference, ray_noise: float, sent: CommandsSent
-    ) -> 'HeadCheck':
+    def since(self, before: Observation, evidence: Evidence, sent: CommandsSent) -> 'HeadCheck':
         """Return the check where a turn since ``before`` contradicted commands for longer."""
-        seen = view_motion(before, here, ray_noise)
-        window = CommandWindow(before.stamp_ns, here.stamp_ns, sent)
+        here = evidence.observation
+        seen = view_motion(before, here, evidence.noise)
         if self.slip or seen is None:
             return self
-        left = unexplained_turn(window, seen)
+        window = CommandWindow(before.stamp_ns, here.stamp_ns, sent)
+        left = window.unexplained(seen.turn, TURN_DEVIATIONS * seen.noise, ANY_RATIO)
         limit = LEAST_TURN + turn_of_way(window, seen) + STAMPS_S * self.fastest
-        if abs(left) <= limit:
-            return self
-        return replace(self, slip=_slip(left))
-
-
-def _unexplained(
-    window: CommandWindow, seen: ViewMotion, latency: float, *, slack: float | None = None
-) -> tuple[float, float]:
-    """Return what is left of a turn, signed, and the largest that was commanded [rad]."""
-    turns = window.turns[latency + SOON_S >= DELAYS]
-    slack = TURN_DEVIATIONS * seen.noise if slack is None else slack
-    low, high = float(turns.min()), float(turns.max())
-    left = beyond(
-        seen.turn, TURN_RATIOS[low < 0.0] * low - slack, TURN_RATIOS[high > 0.0] * high + slack
-    )
-    return left, max(high, -low)
+        return replace(self, slip=_slip(left)) if abs(left) > limit else self
 
 
 def _slip(left: float) -> str:
@@ -368,14 +318,6 @@ def _slip(left: float) -> str:
 
 
 NOTHING = Asked()
-
-
-class Evidence(NamedTuple):
-    """What an image shows: noise of a ray [rad], parallax of a metre [rad/m], 0 while unknown."""
-
-    observation: Observation
-    noise: float
-    parallax_of_way: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -390,7 +332,7 @@ class MotionCheck:
     a head's encoder.
     """
 
-    reference: Reference | None = None
+    reference: Observation | None = None
     trouble: str = ''
     suspected: bool = False
     troubled_ns: int | None = None
@@ -430,56 +372,41 @@ class MotionCheck:
         observation = evidence.observation
         if observation.ids is None or len(observation) < settings.min_features:
             return self.restarted()  # a few may all be wrong
-        here = Reference(observation.stamp_ns, observation.ids, observation.current)
-        after = self._since_reference(here, evidence, sent, settings, drives=drives)
+        after = self._since_reference(evidence, sent, settings, drives=drives)
         if observation.joints is None:
             return after
-        head = self.head.updated(
-            here,
-            observation.joints.pan,
-            sent,
-            ray_noise=evidence.noise,
-            parallax_of_way=evidence.parallax_of_way,
-            latency=settings.latency,
-        )
+        head = self.head.updated(observation.joints.pan, evidence, sent, settings.latency)
         if head.previous is None:
             return replace(self.restarted(), head=head)
         if after.trouble and self.reference is not None:
-            head = head.since(self.reference, here, evidence.noise, sent)
+            head = head.since(self.reference, evidence, sent)
         if not head.slip:
             return replace(after, head=head)
-        return replace(after, trouble=head.slip, troubled_ns=here.stamp_ns, head=head)
+        return replace(after, trouble=head.slip, troubled_ns=observation.stamp_ns, head=head)
 
     def _since_reference(
-        self,
-        here: Reference,
-        evidence: Evidence,
-        sent: CommandsSent,
-        settings: DriveSettings,
-        *,
-        drives: bool,
+        self, evidence: Evidence, sent: CommandsSent, settings: DriveSettings, *, drives: bool
     ) -> 'MotionCheck':
         """Return the check of the base after one more view."""
-        reference = self.reference
-        seen = reference and view_motion(reference, here, evidence.noise)
+        here, reference = evidence.observation, self.reference
+        now_ns = here.stamp_ns
+        seen = None if reference is None else view_motion(reference, here, evidence.noise)
         if reference is None or seen is None:
-            return replace(self.restarted(), reference=here, now_ns=here.stamp_ns)
-        window = CommandWindow(reference.stamp_ns, here.stamp_ns, sent)
-        asked = NOTHING
+            return replace(self.restarted(), reference=here, now_ns=now_ns)
+        window, asked = CommandWindow(reference.stamp_ns, now_ns, sent), NOTHING
+        found = contradiction(window, seen)
         if seen.stands:
-            last = CommandWindow(self.now_ns, here.stamp_ns, sent)
-            dead_band = settings.dead_band_linear, settings.dead_band_angular
-            asked = self.asked.below(dead_band).after(last, evidence.parallax_of_way)
-        found = contradiction(window, seen, asked, evidence.parallax_of_way, settings)
+            asked = self.asked.after(CommandWindow(self.now_ns, now_ns, sent), settings)
+            shown = evidence.parallax_of_way
+            found = found or asked.unfollowed(seen, now_ns, shown, settings)
         trouble = found if self.suspected else ''
-        lasted = seconds_between(reference.stamp_ns, here.stamp_ns)
-        over = lasted >= LASTING_S and not seen.stands and not found
+        over = window.seconds >= LASTING_S and not seen.stands and not found
         return MotionCheck(
             here if over or trouble else reference,
             trouble,
             bool(found) and not trouble,
-            here.stamp_ns if trouble else self.troubled_ns,
+            now_ns if trouble else self.troubled_ns,
             self.contradictions + (bool(trouble) and drives),
             Asked(unresponsive=seen.stands) if trouble else asked,
-            here.stamp_ns,
+            now_ns,
         )

@@ -9,6 +9,7 @@ once it is not used, and never again in this run once it has been contradicted s
 
 from dataclasses import dataclass, replace
 import math
+from typing import NamedTuple
 
 from visual_servo_epipolar.core.estimate.base_model import (
     FASTER,
@@ -31,31 +32,40 @@ BETTER = 0.5  # of its error, that commands must have: else they are wrong as we
 JUMP_SPEEDS, JUMP_WAY, JUMP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
 MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
 COMMANDED_WAY = 0.4  # commanded, after which it is held against that [m]
-LATE, LATER = 0.15, 0.19  # of a way commanded, that a base obeys late [m]
+LATE = 0.17  # of a way commanded, that a base obeys late [m]
 NO_LONGER = 'it is not used any more in this run, which goes on by commands'
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What an image shows of where the robot is; ``place`` and its deviation by a memory alone."""
+class MotionComparison(NamedTuple):
+    """A quantity as images show it, the errors of odometry and commands, and a bound of these."""
 
-    heading: float
-    deviation: float
-    place: tuple[float, float] | None = None
-    place_deviation: float = math.nan
+    seen: float
+    error: float = 0.0
+    commanded_error: float = 0.0
+    bound: float = math.inf
+
+    @property
+    def fits(self) -> bool:
+        """Whether odometry is right."""
+        return self.error <= self.bound
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it is wrong, and commands are right, or much less wrong."""
+        return not self.fits and self.commanded_error < BETTER * self.error
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryCheck:
     """Motion by odometry, and as ``commanded``, since an image that had ``seen`` the robot."""
 
-    seen: Seen
+    seen: Measurement
     motion: Motion = Motion()
     commanded: Motion = Motion()
 
     def after(self, motion: Motion, commanded: Motion) -> 'OdometryCheck':
         """Return the check with one more motion in it."""
-        return OdometryCheck(self.seen, _sum(self.motion, motion), _sum(self.commanded, commanded))
+        return OdometryCheck(self.seen, self.motion + motion, self.commanded + commanded)
 
     @property
     def is_long(self) -> bool:
@@ -63,54 +73,48 @@ class OdometryCheck:
         turn = max(abs(self.motion.turn), abs(self.commanded.turn))
         return turn >= SEEN_TURN or max(abs(self.motion.way), abs(self.commanded.way)) >= SEEN_WAY
 
+    def turn(self, now: Measurement) -> MotionComparison:
+        """Compare turns."""
+        seen = math.remainder(now.heading_error - self.seen.heading_error, 2.0 * math.pi)
+        error, commanded = (
+            abs(math.remainder(each.turn - seen, 2.0 * math.pi))
+            for each in (self.motion, self.commanded)
+        )
+        bound = TURN_SHARE * max(abs(seen), abs(self.motion.turn)) + LEAST_TURN
+        bound += TURN_OF_WAY * abs(self.motion.way)
+        bound += DEVIATIONS * math.hypot(*map(heading_deviation, (self.seen, now)))
+        return MotionComparison(seen, error, commanded, bound)
 
-@dataclass(frozen=True, slots=True)
-class Errors:
-    """What odometry and commands differ by from what is ``seen``, and what odometry may."""
+    def way(self, now: Measurement) -> MotionComparison:
+        """Compare ways ahead, which fit where no memory of views gives both places."""
+        if self.seen.offset is None or now.offset is None:
+            return MotionComparison(math.nan)
+        heading = self.seen.heading_error + 0.5 * self.motion.turn
+        (right, ahead), (x, y) = now.offset, self.seen.offset
+        seen = (ahead - y) * math.cos(heading) - (right - x) * math.sin(heading)
+        bound = WAY_SHARE * max(abs(seen), abs(self.motion.way)) + LEAST_WAY
+        bound += max(now.offset_deviation, self.seen.offset_deviation)
+        error, commanded = (abs(each.way - seen) for each in (self.motion, self.commanded))
+        return MotionComparison(seen, error, commanded, bound)
 
-    seen: float
-    odometry: float = 0.0
-    commanded: float = 0.0
-    bound: float = math.inf
+    def contradiction(self, turn: MotionComparison, way: MotionComparison) -> str:
+        """Return in words what images contradict; or ''."""
+        if turn.contradicts:
+            return (
+                f'odometry says a turn of {self.motion.turn:.2f} rad where {turn.seen:.2f} rad '
+                'are seen; look at the wheel encoders, and whether yaw of odom grows to the left'
+            )
+        if way.contradicts:
+            return (
+                f'odometry says {self.motion.way:.3f} m where {way.seen:.3f} m are seen; look at '
+                'the wheel encoders'
+            )
+        return ''
 
-    @property
-    def fits(self) -> bool:
-        """Whether odometry is right."""
-        return self.odometry <= self.bound
-
-    @property
-    def contradicts(self) -> bool:
-        """Whether it is wrong, and commands know better."""
-        return not self.fits and self.commanded < BETTER * self.odometry
-
-
-def turn_errors(check: OdometryCheck, seen: Seen) -> Errors:
-    """Return the errors of turns."""
-    before, turn = check.seen, check.motion.turn
-    change = math.remainder(seen.heading - before.heading, 2.0 * math.pi)
-    bound = TURN_SHARE * max(abs(change), abs(turn)) + TURN_OF_WAY * abs(check.motion.way)
-    bound += DEVIATIONS * math.hypot(before.deviation, seen.deviation) + LEAST_TURN
-    off, read = (
-        abs(math.remainder(each - change, 2.0 * math.pi)) for each in (turn, check.commanded.turn)
-    )
-    return Errors(change, off, read, bound)
-
-
-def way_errors(check: OdometryCheck, seen: Seen) -> Errors:
-    """Return the errors of ways ahead; none where no memory gives the places."""
-    before = check.seen
-    if before.place is None or seen.place is None:
-        return Errors(math.nan)
-    heading = before.heading + 0.5 * check.motion.turn
-    right, ahead = seen.place[0] - before.place[0], seen.place[1] - before.place[1]
-    way = ahead * math.cos(heading) - right * math.sin(heading)
-    bound = WAY_SHARE * max(abs(way), abs(check.motion.way)) + LEAST_WAY
-    bound += max(seen.place_deviation, before.place_deviation)
-    return Errors(way, abs(check.motion.way - way), abs(check.commanded.way - way), bound)
-
-
-def _sum(one: Motion, other: Motion) -> Motion:
-    return Motion(one.way + other.way, one.turn + other.turn)
+    def stands(self, now: Measurement) -> bool:
+        """Return whether a memory sees no more of a way than odometry says."""
+        way = self.way(now)
+        return way.bound < COMMANDED_WAY and way.fits  # else it does not know that way either
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +152,6 @@ class Odometry:
         A pose that no base comes to in this time is a jump: the motion is then that ``commanded``.
         """
         by_commands = OdometryIncrement(commanded, commanded, self.trusted)
-        if pose is None and self.pose is None and self.check is None:
-            return self, by_commands
         if self.refuted:
             return replace(self, pose=pose), by_commands
         if self.pose is None or pose is None or not 0.0 < dt < MOST_GAP_S:
@@ -158,59 +160,52 @@ class Odometry:
         trouble = _jump(motion, dt, settings)
         if trouble:
             return replace(self, pose=pose, check=None)._unseen(trouble), by_commands
-        check = None if self.check is None else self.check.after(motion, commanded)
         after = replace(
             self,
             pose=pose,
-            check=check,
+            check=self.check and self.check.after(motion, commanded),
             driven=self.driven + motion.way,
             commanded=self.commanded + commanded.way,
         )
         return after, OdometryIncrement(commanded, motion, self.trusted)
 
-    def judge(self, measurement: Measurement) -> 'Odometry':
-        """Return what is known after it was held against a ``measurement``, and commands."""
+    def judge(self, now: Measurement) -> 'Odometry':
+        """Return what is known after it was held against commands, and a measurement."""
         if self.refuted or self.pose is None:
             return self
-        seen = Seen(
-            measurement.heading_error,
-            heading_deviation(measurement),
-            measurement.offset,
-            measurement.offset_deviation,
-        )
-        return self._against_commands(seen)._against_images(seen)
+        after = self._against_commands(now)
+        known = not after.refuted and heading_deviation(now) <= MOST_DEVIATION
+        return after._against_images(now) if known else after
 
-    def _against_images(self, seen: Seen) -> 'Odometry':
-        if self.refuted or not seen.deviation <= MOST_DEVIATION:
-            return self
-        begun, check = replace(self, check=OdometryCheck(seen)), self.check
-        if check is None or (seen.place is None) != (check.seen.place is None):
+    def _against_images(self, now: Measurement) -> 'Odometry':
+        begun, check = replace(self, check=OdometryCheck(now)), self.check
+        if check is None or (now.offset is None) != (check.seen.offset is None):
             return begun
-        turn, way = turn_errors(check, seen), way_errors(check, seen)
-        for errors, words in ((turn, _turn_words), (way, _way_words)):
-            if errors.contradicts:
-                return begun._unseen(words(check, errors))
+        turn, way = check.turn(now), check.way(now)
+        trouble = check.contradiction(turn, way)
+        if trouble:
+            return begun._unseen(trouble)
         if not check.is_long:
             return self
         turned = abs(check.motion.turn) >= 0.5 * SEEN_TURN
-        if not (turn.fits and way.fits) or not (turned or seen.place):
+        if not (turn.fits and way.fits) or not (turned or now.offset):
             # Nor do commands fit: it is the image, or somebody pushed the robot. Or it drove
             # straight ahead, of which two views do not tell how far.
             return begun
         begun = replace(begun, unseen=max(self.unseen - 1, 0))
         return begun._proven() if turned else begun
 
-    def _against_commands(self, seen: Seen) -> 'Odometry':
+    def _against_commands(self, now: Measurement) -> 'Odometry':
         side = math.copysign(1.0, self.commanded)
         driven, commanded = side * self.driven, side * self.commanded
         begun = replace(self, driven=0.0, commanded=0.0)
         too_far = driven > FASTER * commanded + LATE
         if not too_far and commanded < COMMANDED_WAY:
             return self
-        if not too_far and driven >= SLOWER * commanded - LATER:
+        if not too_far and driven >= SLOWER * commanded - LATE:
             return replace(begun, untold=max(self.untold - 1, 0))._proven()
-        if not too_far and self.check is not None and _stands(self.check, seen):
-            return begun
+        if not too_far and self.check is not None and self.check.stands(now):
+            return begun  # whatever is commanded
         return replace(begun, untold=self.untold + 1)._refuted(
             self.untold + 1,
             f'odometry says {self.driven:.2f} m where {self.commanded:.2f} m were commanded; look '
@@ -232,12 +227,6 @@ class Odometry:
         return replace(self, refuted=f'{trouble}; {NO_LONGER}')
 
 
-def _stands(check: OdometryCheck, seen: Seen) -> bool:
-    """Return whether a memory sees no more of a way than odometry says, whatever is commanded."""
-    errors = way_errors(check, seen)
-    return errors.bound < COMMANDED_WAY and errors.fits  # else it does not know that way either
-
-
 def _jump(motion: Motion, dt: float, settings: DriveSettings) -> str:
     """Return that no base moves so far in ``dt`` [s]; or ''."""
     most_way = JUMP_SPEEDS * settings.max_linear * dt + JUMP_WAY
@@ -247,18 +236,4 @@ def _jump(motion: Motion, dt: float, settings: DriveSettings) -> str:
     return (
         f'odometry leaps by {motion.way:.2f} m and {motion.turn:.2f} rad in {dt:.2f} s, at most '
         f'{most_way:.2f} m and {most_turn:.2f} rad can be; what else publishes or resets odom?'
-    )
-
-
-def _turn_words(check: OdometryCheck, errors: Errors) -> str:
-    return (
-        f'odometry says a turn of {check.motion.turn:.2f} rad where {errors.seen:.2f} rad are '
-        'seen; look at the wheel encoders, and whether yaw of odom grows to the left'
-    )
-
-
-def _way_words(check: OdometryCheck, errors: Errors) -> str:
-    return (
-        f'odometry says {check.motion.way:.3f} m where {errors.seen:.3f} m are seen; look at '
-        'the wheel encoders'
     )

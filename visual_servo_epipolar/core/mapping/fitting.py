@@ -291,7 +291,6 @@ class Resection(NamedTuple):
     covariance: FloatArray
     own: FloatArray
     inliers: BoolArray
-    squares: FloatArray
     shrinkage: Shrinkage
     shift: FloatArray
 
@@ -332,7 +331,7 @@ def resect(
     seen_noise = math.sqrt(fit.spread) * by_residual.reshape(VIEW, -1)
     noise = np.concatenate([seen_noise, gain[:, -count:]], axis=1)
     covariance = covariance[:VIEW, :VIEW]
-    return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares, after, shift)
+    return Resection(pose, covariance, noise @ noise.T, fit.inliers, after, shift)
 
 
 def _stepped(

@@ -32,7 +32,7 @@ from visual_servo_epipolar.core.mapping.initialization import (
     Start,
     triangulate,
 )
-from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.refinement import Evaluation, Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.window import (
     differ_in_place,
@@ -66,40 +66,34 @@ class PendingKeyframe(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bootstrap:
-    """Views to begin with, what pairs tell of them (``starts``); a geometry ``is_due`` or not."""
+    """
+    Views to begin with, in a ``window``, and what pairs tell of them (``starts``).
 
+    ``last`` is the last one; a geometry ``is_due`` or not.
+    """
+
+    window: KeyframeWindow = EMPTY
     starts: tuple[Start, ...] = ()
     last: FeatureObservations | None = None
     is_due: bool = False
 
-    def is_like_last(self, observations: FeatureObservations) -> bool:
-        """Return whether a view is like the last one but for a turn."""
-        return self.last is not None and not differ_in_place(self.last, observations)
-
     def with_view(
         self,
-        window: KeyframeWindow,
         observations: FeatureObservations,
         places: FloatArray,
         starts: Sequence[Start],
-        *,
         most: int,
-    ) -> tuple['Bootstrap', KeyframeWindow]:
-        """Return bootstrap and window with a view more, at ``places``, (2, 2), by both motions."""
-        before = self.starts
+    ) -> 'Bootstrap':
+        """Return the bootstrap with a view more, at ``places``, (2, 2), by both motions."""
+        window, before = self.window, self.starts
         if len(window) >= MOST_VIEWS:
             window = window.without_view(0)
             before = tuple(each._replace(view=each.view - 1) for each in before if each.view > 0)
         here = tuple(start._replace(view=len(window)) for start in starts)
         window = window.with_view(observations, *places)
         kept = kept_features(window, np.ones(len(window.ids), bool), most)
-        bootstrap = Bootstrap((*before, *here), observations, is_due=len(window) > 1)
-        return bootstrap, window.of_features(kept)
-
-    @property
-    def done(self) -> 'Bootstrap':
-        """The same views, that a geometry has been looked for in."""
-        return replace(self, is_due=False)
+        window = window.of_features(kept)
+        return Bootstrap(window, (*before, *here), observations, is_due=len(window) > 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +101,8 @@ class KeyframeMap:
     """
     Map of keyframes and features; a new photograph needs a new map.
 
-    ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
-    geometry once there is one, for which ``bootstrap`` collects views; ``places``, (2, 2), where
+    ``mount`` is the belief of the camera's attitude; ``geometry`` that of the keyframes once there
+    is one, for which ``bootstrap`` collects views; ``places``, (2, 2), where
     the camera is by the motion that counts and by the alternative [m]; ``pose``, (5,), that of the
     last view. ``trial`` is the geometry with one more keyframe, half refined: the next view is
     still localized without it. ``refused`` counts unsound trials in a row. ``pending`` is the last
@@ -117,7 +111,6 @@ class KeyframeMap:
 
     mount: Attitude
     settings: MapSettings = MapSettings()
-    window: KeyframeWindow = EMPTY
     geometry: Geometry | None = None
     bootstrap: Bootstrap = Bootstrap()
     places: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
@@ -127,19 +120,19 @@ class KeyframeMap:
     shrinkage: Shrinkage = NOTHING
     pending: PendingKeyframe | None = None
 
+    @property
+    def window(self) -> KeyframeWindow:
+        """The keyframes, or the views to begin with."""
+        return self.bootstrap.window if self.geometry is None else self.geometry.window
+
     def with_alternative(self, settings: MapSettings) -> 'KeyframeMap':
         """Return the same map by the alternative motion: at another scale."""
         before = self.update_map()
-        other = replace(
-            before,
-            settings=settings,
-            window=before.window.with_alternative,
-            trial=None,
-            places=before.places[::-1],
-        )
+        window = before.window.with_alternative
+        other = replace(before, settings=settings, trial=None, places=before.places[::-1])
         if before.geometry is None:
-            return other
-        geometry, ratio = rescale(before.geometry, other.window, settings)
+            return replace(other, bootstrap=replace(before.bootstrap, window=window))
+        geometry, ratio = rescale(before.geometry, window, settings)
         if before.pose is None:
             return replace(other, geometry=geometry)
         pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
@@ -171,9 +164,11 @@ class KeyframeMap:
         bearings: Sequence[Bearings] = (),
         attitude: Attitude | None = None,
         learns: bool = True,
-    ) -> 'tuple[KeyframeMap, MapLocalization]':
+    ) -> 'tuple[KeyframeMap, MapLocalization | None]':
         """
         Return the map after one more view, yet to be updated with it, and its localization.
+
+        None where there is no geometry yet, or too few of its features agree with one place.
 
         ``motion``, (2,), is the way of the camera since the last view, right and ahead in its axes
         then [m], nan where unknown: it counts for the scale alone; ``alternative_motion`` the
@@ -188,9 +183,9 @@ class KeyframeMap:
         after = replace(before, places=before.places + [way, other])
         if after.geometry is not None:
             return after._localize(after.geometry, observations, learns)
-        if not learns:
-            return after, MapLocalization('nothing is remembered to hold the view against')
-        return after._begin(observations, bearings, attitude or self.mount)
+        if learns and bearings and len(observations) >= MIN_MATCHES:
+            after = after._begin(observations, bearings, attitude or self.mount)
+        return after, None
 
     def update_map(self) -> 'KeyframeMap':
         """Return the map with what the last view adds: the first geometry, or a better one."""
@@ -206,63 +201,54 @@ class KeyframeMap:
 
     def _begin(
         self, observations: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
-    ) -> 'tuple[KeyframeMap, MapLocalization]':
-        """Return the map with one more view to begin with."""
-        reason = obstacle(observations, bearings)
-        if reason:
-            return self, MapLocalization(reason)
+    ) -> 'KeyframeMap':
+        """Return the map with one more view to begin with, unless it is as the last."""
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
-        if self.bootstrap.is_like_last(observations):
-            reason = 'views are too alike to begin with'
-            return replace(self, pose=pose), MapLocalization(reason)
-        starts = [Start(0, each, attitude) for each in bearings]
-        bootstrap, window = self.bootstrap.with_view(
-            self.window, observations, self.places, starts, most=self.settings.features
-        )
-        reason = 'one view is collected, two are needed'
-        if bootstrap.is_due:
-            reason = 'the geometry may begin with this view'
-        after = replace(self, pose=pose, window=window, bootstrap=bootstrap)
-        return after, MapLocalization(reason)
+        last, bootstrap = self.bootstrap.last, self.bootstrap
+        if last is None or differ_in_place(last, observations):
+            starts = [Start(0, each, attitude) for each in bearings]
+            most = self.settings.features
+            bootstrap = bootstrap.with_view(observations, self.places, starts, most)
+        return replace(self, pose=pose, bootstrap=bootstrap)
 
     def _initialize(self) -> 'KeyframeMap':
         """Return the map with the first geometry, if one fits the views to begin with."""
-        starts = self.bootstrap.starts
-        geometry = initial_geometry(self.window, starts, self.mount, self.settings)
+        views = self.bootstrap
+        geometry = initial_geometry(views.window, views.starts, self.mount, self.settings)
         if geometry is None:
-            return replace(self, bootstrap=self.bootstrap.done)
+            return replace(self, bootstrap=replace(views, is_due=False))
         pose = geometry.unknowns.views[-1]
-        return replace(self._with(geometry), bootstrap=Bootstrap(), pose=pose)
+        return replace(self, geometry=geometry, bootstrap=Bootstrap(), pose=pose)
 
     def _localize(
         self, geometry: Geometry, observations: FeatureObservations, learns: bool
-    ) -> 'tuple[KeyframeMap, MapLocalization]':
+    ) -> 'tuple[KeyframeMap, MapLocalization | None]':
         """Return the map after a view that is localized in its geometry."""
         rows = geometry.window.rows_of(observations.ids)
         known = rows >= 0
         known[known] = geometry.trusted[rows[known]]
         count = int(known.sum())
         if count < MIN_AGREEING:
-            reason = f'{count} remembered features in view, {MIN_AGREEING} needed'
-            return self, MapLocalization(reason, ids=self.window.ids)
+            return self, None
         rays, noise = observations.current[known], observations.noise[known, 0]
         seen = MatchedFeatures(rows[known], rays.T, tangent_basis_of(rays, noise))
         anchors = anchors_of(geometry).of(seen.rows)
         fit = fit_pose_near(geometry.unknowns.views, anchors, seen, self.pose)
-        agree = int(fit.inliers.sum())
-        if agree < max(MIN_AGREEING, LEAST_AGREEING * count):
-            reason = f'{agree} of {count} remembered features agree with one place'
-            return self, MapLocalization(reason, ids=self.window.ids)
+        if int(fit.inliers.sum()) < max(MIN_AGREEING, LEAST_AGREEING * count):
+            return self, None
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
-        resection = resect(geometry, anchors, seen, fit, shrinkage)
+        found = resect(geometry, anchors, seen, fit, shrinkage)
         new = int((rows < 0).sum())
         after = replace(
             self,
-            pose=resection.pose,
-            shrinkage=resection.shrinkage,
-            pending=PendingKeyframe(observations, resection.pose, new) if learns else None,
+            pose=found.pose,
+            shrinkage=found.shrinkage,
+            pending=PendingKeyframe(observations, found.pose, new) if learns else None,
         )
-        return after, localization_of(resection, geometry, known)
+        known[known] = found.inliers
+        return after, MapLocalization(
+            found.pose, found.covariance, found.own, geometry, known, found.shift
+        )
 
     def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
         """Return the map with the view as a keyframe where it is one, or refined."""
@@ -280,7 +266,8 @@ class KeyframeMap:
             return replace(self, trial=refine(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self
-        return self._with(refine(geometry.evaluation, 1, geometry.damping, geometry.system))
+        more = refine(geometry.evaluation, 1, geometry.damping, geometry.system)
+        return replace(self, geometry=more)
 
     def _with_trial(self, trial: Geometry) -> 'KeyframeMap':
         """Return the map with a keyframe more, unless the geometry is unsound with it."""
@@ -288,13 +275,10 @@ class KeyframeMap:
         if not trial.converged:
             trial = refine(trial.evaluation, steps, trial.damping)
         if is_sound(trial):
-            return replace(self._with(trial), trial=None, refused=0)
+            return replace(self, geometry=trial, trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
             return replace(self, trial=None, refused=self.refused + 1)
         return KeyframeMap(self.mount, self.settings, places=self.places)
-
-    def _with(self, geometry: Geometry) -> 'KeyframeMap':
-        return replace(self, window=geometry.window, geometry=geometry)
 
 
 def _turned(motion: FloatArray, heading: float) -> FloatArray:
@@ -302,13 +286,6 @@ def _turned(motion: FloatArray, heading: float) -> FloatArray:
     cosine, sine = np.cos(heading), np.sin(heading)
     right, ahead = motion
     return np.array([cosine * right - sine * ahead, sine * right + cosine * ahead])
-
-
-def obstacle(observations: FeatureObservations, bearings: Sequence[Bearings]) -> str:
-    """Return in words why nothing can begin with a view; empty if it can."""
-    if len(observations) < MIN_MATCHES:
-        return f'{len(observations)} features, {MIN_MATCHES} needed to begin'
-    return '' if bearings else 'two views show no baseline to begin with'
 
 
 def is_keyframe(

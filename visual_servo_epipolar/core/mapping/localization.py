@@ -1,53 +1,39 @@
 """Localization of one view in the map: its pose, and where the features are."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD
 from visual_servo_epipolar.core.mapping.factors import LEAST_WAY
-from visual_servo_epipolar.core.mapping.fitting import Resection
 from visual_servo_epipolar.core.mapping.projection import points_of, Structure, turns_of
 from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import HEADING, VIEW, X, Y
-
-
-def _nothing() -> FloatArray:
-    return np.full((VIEW, VIEW), np.nan)
+from visual_servo_epipolar.core.mapping.window import HEADING, X, Y
 
 
 @dataclass(frozen=True, eq=False)
 class MapLocalization:
     """
-    Localization of one view in the map; without one, the ``reason`` why is not empty.
+    Localization of one view in the map.
 
     ``pose``, (5,), is that of the camera in the plane of the photograph's: x (right) and y (ahead)
     [m, as far as the scale is known], heading error (left positive), tilt and roll [rad], with its
     ``covariance``, (5, 5); ``own``, (5, 5), is the part of that which the noise of this view makes
     alone and which averages out over views; ``shift``, (5,), the part of the pose that the
-    shrinkage makes. ``inliers``, (N,), are the observations that agree; ``dropped`` the ids of
-    wrong matches. Of all features of the map: ``ids``, (M,), ``inverse_depth`` along the
-    photograph's rays [1/m] and ``photograph``, (M, 3), those rays. Those ``counted``, (M,), are no
-    wrong matches. ``depth`` is the median one [m], ``difference_slope`` that of D at unit focal
-    length along the axis [1/m].
+    shrinkage makes. ``inliers``, (N,), are the observations that agree; ``geometry`` is that of
+    the map, ``difference_slope`` that of D at unit focal length along the axis [1/m].
     """
 
-    reason: str = ''
-    pose: FloatArray = field(default_factory=lambda: np.full(VIEW, np.nan))
-    covariance: FloatArray = field(default_factory=_nothing)
-    own: FloatArray = field(default_factory=_nothing)
-    shift: FloatArray = field(default_factory=lambda: np.zeros(VIEW))
-    inliers: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
-    dropped: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    inverse_depth: FloatArray = field(default_factory=lambda: np.empty(0))
-    photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
-    depth: float = math.nan
+    pose: FloatArray
+    covariance: FloatArray
+    own: FloatArray
+    geometry: Geometry
+    inliers: BoolArray
+    shift: FloatArray
     difference_slope: float = math.nan
 
     @property
@@ -77,8 +63,8 @@ class MapLocalization:
 
     @property
     def bearings(self) -> Bearings | None:
-        """The oriented bearings of the cameras; None without a pose or at the goal."""
-        if self.reason or not self.distance > LEAST_WAY:
+        """The oriented bearings of the cameras; None at the goal."""
+        if not self.distance > LEAST_WAY:
             return None
         psi = math.atan2(self.pose[Y], self.pose[X])
         phi = psi - float(self.pose[HEADING]) - 0.5 * math.pi
@@ -113,35 +99,11 @@ class MapLocalization:
         """Deviation of the heading error [rad]."""
         return math.sqrt(self.covariance[HEADING, HEADING])
 
-    @property
-    def parallax(self) -> float:
-        """Angle by which the offset moves a feature of median depth [rad]."""
-        return self.distance / self.depth
-
 
 def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     """Return the unit rays, (M, 3), at which a view at ``pose``, (5,), sees features."""
     points = (turns_of(pose[None], structure.stretch) @ points_of(structure, pose[None]))[0]
     return np.asarray((points / np.sqrt((points * points).sum(0))).T)
-
-
-def localization_of(resection: Resection, geometry: Geometry, known: BoolArray) -> MapLocalization:
-    """Return the localization of a view that was resected by the features ``known``, (N,)."""
-    inliers = known.copy()
-    inliers[known] = resection.inliers
-    return MapLocalization(
-        pose=resection.pose,
-        covariance=resection.covariance,
-        own=resection.own,
-        shift=resection.shift,
-        inliers=inliers,
-        dropped=geometry.wrong,
-        ids=geometry.window.ids,
-        inverse_depth=geometry.unknowns.inverse_depth,
-        photograph=geometry.window.photograph,
-        counted=geometry.trusted,
-        depth=geometry.depth,
-    )
 
 
 def difference_slope(

@@ -1,6 +1,5 @@
 """Commands sent: those of the last seconds, and their effect on a base with a delay."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -107,15 +106,6 @@ class CommandsSent:
                 turned.append(later[0])
             later = stamp, twist.linear
         return (turned[0] - turned[1]) / NANOSECONDS if len(turned) >= reversals else 0.0
-
-    def since(self, rates: Sequence[float], least: float) -> int | None:
-        """Return the stamp since which ``rates`` exceed ``least`` to the last one's side."""
-        began, side = None, math.copysign(1.0, rates[-1]) if rates else 0.0
-        for stamp, rate in zip(reversed(self.stamps), reversed(rates), strict=True):
-            if side * rate < least:
-                break
-            began = stamp
-        return began
 
     def acting(self, begin_ns: int, end_ns: int, delay: float) -> list[tuple[float, Twist]]:
         """Return spans [s] of what a base does in a time that obeys late by ``delay`` [s]."""

@@ -35,6 +35,10 @@ class Motion:
     turn: float = 0.0
     measured: bool = False
 
+    def __add__(self, other: 'Motion') -> 'Motion':
+        """Return the ways and the turns of both together."""
+        return Motion(self.way + other.way, self.turn + other.turn)
+
     @property
     def chord(self) -> FloatArray:
         """Where it leads, (2,): right and ahead in axes of before [m]."""
