@@ -128,15 +128,17 @@ def _chapter(title: str, kinds: Sequence[type[Settings]], shown: dict[str, str])
     known = {item for kind in kinds for item in parameters_of(kind)}
     for owner, items in _owners(kinds).items():
         new = {item.name: _row(item) for item in items if item in known}
-        internal = [f'`{item.name}`' for item in items if item not in known]
+        internal = [item.name for item in items if item not in known]
         for name in [name for name, row in new.items() if row in shown]:
             same.setdefault(shown[new.pop(name)], []).append(f'`{name}`')
         rows += [_title(owner), *new.values()] if new else []
         alone += [name for name in internal if name not in shown]
-        shown |= dict.fromkeys([*new.values(), *internal], title)
+        shown |= dict.fromkeys([*new, *new.values(), *internal], title)
     parts = [f'## {title}\n', *([*HEADER, *rows, ''] if rows else [])]
     parts += [f'As for {node}: {", ".join(names)}.\n' for node, names in same.items()]
-    return '\n'.join([*parts, *([f'{ALONE} {", ".join(alone)}.\n'] if alone else [])])
+    return '\n'.join(
+        [*parts, *([f'{ALONE} {", ".join(f"`{name}`" for name in alone)}.\n'] if alone else [])]
+    )
 
 
 def _owners(kinds: Sequence[type[Settings]]) -> dict[type, list['Field[Any]']]:

@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
 PERIOD_S, PERIOD_NS = 0.2, 200_000_000
 NOISE = 0.0075  # of the odometry, a metre and a radian
-EXACT = {f'camera_{name}_deviation': 1e-4 for name in ('yaw', 'forward')}
+EXACT = {f'camera_{name}_deviation': 1e-4 for name in ('yaw', 'forward', 'left')}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -172,13 +171,10 @@ class RouteReports(NodeReports):
         self._phase_pub = self._publisher(String, 'phase', qos.LATCHED)
         self._progress_pub = self._publisher(JointState, '~/progress', qos.STREAM)
         self._path_pub = self._publisher(PathMessage, '~/path', qos.LATCHED)
-        self._markers_pub = self._publisher(MarkerArray, '~/markers', qos.LATCHED)
 
     def route(self, route: Route) -> None:
-        """Publish the path and the key views of a route."""
-        now_ns = self._clock.now().nanoseconds
-        self._path_pub.publish(route_messages.path(route, now_ns))
-        self._markers_pub.publish(route_messages.markers(route, now_ns))
+        """Publish the path of a route."""
+        self._path_pub.publish(route_messages.path(route, self._clock.now().nanoseconds))
 
     def progress(self, step: RouteStep, stamp_ns: int, frame_id: str) -> None:
         """Publish what a step tells the base, and how far it is."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 import math
 from typing import Any, ClassVar
 
@@ -10,7 +9,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import (
-    configured_extrinsics,
     corrected,
     Extrinsics,
     YAW,
@@ -23,7 +21,7 @@ from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import HEADING, VIEW
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.odometry.path import PathPlace
-from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing, Mount
+from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.servo.estimator import fuse, of_the_axle, update_map
 from visual_servo_epipolar.core.servo.run import change_goal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -31,25 +29,24 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.settings import fixed, internal, setting
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive
-from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 MOST_CONTRADICTIONS = 8  # of views and driven path in a row: then all is begun anew
 
 
 @dataclass(frozen=True, kw_only=True)
-class DockPoseSettings(PerceptionSettings):
+class DockPoseSettings(ServoSettings):
     """
-    Settings of the dock's pose: those of perception, and its own.
+    Settings of the servo that estimates the dock's pose, and when this is published.
 
-    Angles in rad, lengths in m.
+    Angles in rad, lengths in m. The mount is known better than that of a servo, which finds it
+    out while it drives.
     """
 
     INTERNAL: ClassVar[frozenset[str]] = frozenset(
-        'estimator focal_deviation readout camera_tilt camera_roll camera_tilt_deviation '
-        'camera_roll_deviation'.split()
+        {item.name for item in fields(ServoSettings)}
+        - {'camera_yaw', 'camera_forward', 'camera_left', 'path_deviation'}
     )
     GONE: ClassVar[Mapping[str, Any]] = {
-        'camera_left_deviation': 0.02,
         'path_scale_deviation': 0.01,
         'key_views': 10,
         'key_travel': 0.05,
@@ -63,15 +60,12 @@ class DockPoseSettings(PerceptionSettings):
         low=-3.15,
         high=3.15,
     )
-    camera_forward: float = fixed(
-        0.0, 'Camera ahead of the axle, as configured [m]', low=-2.0, high=2.0
-    )
-    camera_left: float = fixed(
-        0.0, 'Camera to the left of the middle of the axle, as configured [m]', low=-2.0, high=2.0
-    )
     camera_yaw_deviation: float = internal(0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5)
     camera_forward_deviation: float = internal(
-        0.02, 'Deviation of those offsets [m]', low=0.0, high=1.0
+        0.02, 'Deviation of that offset ahead [m]', low=0.0, high=1.0
+    )
+    camera_left_deviation: float = internal(
+        0.02, 'Deviation of that offset aside [m]', low=0.0, high=1.0
     )
     path_deviation: float = setting(
         0.01,
@@ -88,31 +82,6 @@ class DockPoseSettings(PerceptionSettings):
     publish_heading: float = internal(
         0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
     )
-
-    @property
-    def mount_is_told(self) -> bool:
-        """Whether any setting says how the camera is mounted."""
-        return any(getattr(self, f'camera_{item.name}') for item in fields(Mount))
-
-    def mounted(self, mount: Mount) -> 'DockPoseSettings':
-        """Return the settings of a camera mounted as in a description of the robot."""
-        configured = {f'camera_{item.name}': getattr(mount, item.name) for item in fields(mount)}
-        return replace(self, **configured)
-
-    @cached_property
-    def extrinsics(self) -> Extrinsics:
-        """What is known of where the camera sits on the base before the robot moves."""
-        lever = self.camera_forward_deviation
-        return configured_extrinsics(
-            np.array([self.camera_yaw, self.camera_forward, self.camera_left]),
-            np.array([self.camera_yaw_deviation, lever, lever]),
-        )
-
-    @cached_property
-    def servo(self) -> ServoSettings:
-        """Settings of the servo that estimates: what is driven is that of the odometry."""
-        perception = {item.name: getattr(self, item.name) for item in fields(PerceptionSettings)}
-        return ServoSettings(**perception, path_deviation=self.path_deviation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -216,9 +185,9 @@ def _estimated(
     settings: DockPoseSettings,
 ) -> tuple[ServoState, DockPose | None, str]:
     """Return the servo's state after an image, and where the dock is; None, and why, if unsure."""
-    perception = perceive(observation, settings.servo, state.view.frame, state.view.memory)
+    perception = perceive(observation, settings, state.view.frame, state.view.memory)
     increment = OdometryIncrement(motion, motion, trusted=True)
-    fusion = fuse(state, perception, increment, 0.0, settings.servo)
+    fusion = fuse(state, perception, increment, 0.0, settings)
     reason = fusion.measurement.reason
     reason = reason or 'the robot has not moved yet, or sees no bearings'
     dock = None
