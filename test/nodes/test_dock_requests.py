@@ -2,12 +2,11 @@
 
 from dataclasses import replace
 import math
-import random
 
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import Twist as TwistMessage
-from lifecycles import assert_cycles_leave_nothing, assert_gone_at_once, change, entities, go
+from lifecycles import assert_cycles_leave_nothing, assert_gone_at_once, change, go
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -177,28 +176,6 @@ def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench) -> N
 
 def test_a_dock_node_that_is_destroyed_is_gone_at_once(bench) -> None:
     assert_gone_at_once(bench, bench.start(served, **SERVED))
-
-
-def test_led_about_at_random_in_mid_docking_it_orders_while_active_alone(
-    bench, servo, node, client
-) -> None:
-    chance, before, runs = random.Random(6), None, 0
-    for _ in range(24):
-        active = node.is_active
-        if active:
-            runs += 1
-            _, result = begun(servo, client, runs)
-        else:
-            assert not client.send().accepted
-        label = chance.choice(('configure', 'cleanup', 'activate', 'deactivate'))
-        change(bench, node, label=label)
-        if active and not node.is_active:
-            assert client.outcome(result) == GIVEN_UP
-            servo.stopped()
-        if node.state == 'unconfigured':
-            before = before or entities(node)
-            assert entities(node) == before
-    assert runs >= 3
 
 
 def test_docking_outlives_all_that_it_hears(bench, servo, node, client) -> None:

@@ -60,13 +60,6 @@ def test_a_run_that_has_ended_or_was_reset_begins_anew_on_start_alone(bench) -> 
     rig.drive()
 
 
-def test_the_watchdog_leaves_a_robot_alone_that_stands(bench) -> None:
-    rig = Rig(bench, stale_timeout=0.05, memory=False)
-    rig.see(GOAL)
-    bench.pass_time(0.3)  # six looks of the watchdog
-    assert rig.twists() == [STANDSTILL]
-
-
 def at(u: float):
     """Return what puts a feature at a column."""
     return lambda cloud: np.frombuffer(cloud.data, write.TRACK_LAYOUT)['u'].put(3, u)

@@ -4,7 +4,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycles import go
 import pytest
 from sensor_msgs.msg import CameraInfo
-from servo_rig import AWAY, PERIOD_NS, Rig, STAMP_NS, tracks
+from servo_rig import AWAY, GOAL, PERIOD_NS, Rig, STAMP_NS, tracks
 from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
@@ -74,27 +74,13 @@ def test_a_robot_that_holds_in_silence_is_stopped_again_and_again(bench) -> None
     assert all(twist == STANDSTILL for twist in rig.twists()[told:])
 
 
-ENDS = {
-    'lost': lambda run: run.lose('no new tracks'),
-    'timed out': lambda run: run.time_out(5.0),
-    'stopped': lambda run: run.stop(),
-    'reset': lambda run: run.reset(),
-}
-
-
-@pytest.mark.parametrize('end', ENDS.values(), ids=ENDS)
-def test_whatever_interrupts_a_run_the_base_is_stopped(bench, end) -> None:
-    rig = Rig(bench).drive()
-    told = len(rig.commands)
-    end(rig.run)
-    bench.until(lambda: len(rig.commands) > told, 'the zero twist')
-    assert rig.twists()[told:] == [STANDSTILL]
-
-
-def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
-    rig = Rig(bench, stale_timeout=0.05, holding_timeout=0.1)
+@pytest.mark.parametrize('phase', ['waiting', 'arrived'])
+def test_a_robot_that_waits_or_has_arrived_is_left_alone_in_silence(bench, phase) -> None:
+    rig = Rig(bench, stale_timeout=0.05, holding_timeout=0.1, memory=False)
+    if phase == 'arrived':
+        rig.see(GOAL)
     bench.pass_time(0.4)  # some looks of the watchdog
-    assert rig.phase == 'waiting'
+    assert (rig.phase, rig.twists()) == (phase, [STANDSTILL] * (phase == 'arrived'))
 
 
 def test_each_interruption_is_in_the_diagnostics(bench, clock, monkeypatch) -> None:

@@ -48,11 +48,13 @@ def test_any_driver_is_heard_in_the_way_it_offers(bench, simulator, photograph, 
 
 
 @pytest.mark.parametrize('word', ['auto', 'reliable'])
-def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, word) -> None:
-    send = bench.talk(CameraInfo, 'camera_info', qos.LATCHED)
-    send(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
-    node = bench.start(TrackerNode, camera_reliability=word)
-    bench.until(lambda: node._camera is not None, 'the camera_info of before')
+def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, view, word) -> None:
+    info = bench.talk(CameraInfo, 'camera_info', qos.LATCHED)
+    info(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    send, clouds = bench.talk(Image, 'image_raw'), bench.listen(PointCloud2, 'tracks')
+    bench.start(TrackerNode, camera_reliability=word)
+    send(write.image(view, 'mono8', STAMP_NS, 'camera'))
+    bench.until(lambda: bool(clouds), 'tracks, which wait for the camera_info of before')
 
 
 def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
@@ -124,7 +126,8 @@ def test_a_broken_picture_is_one_line_no_loss(bench, simulator, photograph, view
     node = bench.start(TrackerNode, transport='compressed')
     teach(jpeg(photograph))
     info(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
-    bench.until(lambda: node.ready and node._camera is not None, 'photograph and camera')
+    bench.until(lambda: node.ready, 'the photograph')
+    bench.settle()
     broken = jpeg(view if damage != 'another size' else np.zeros((120, 160), np.uint8))
     if damage == 'truncated':
         del broken.data[len(broken.data) // 2 :]
