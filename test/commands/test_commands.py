@@ -2,12 +2,11 @@
 
 import ast
 import json
-import os
 from pathlib import Path
 import re
 import subprocess
-import sys
 
+from command_line import COMMAND, environment, refusal, ROOT, TINY
 import cv2
 import pytest
 
@@ -17,52 +16,29 @@ from visual_servo_epipolar.core.settings import names_of, range_of, Settings
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings, TrackerNodeSettings
 from visual_servo_epipolar.simulation.scenario import CONNECTION, load
 
-ROOT = Path(__file__).parents[2]
 KEYS = {
     *('outcome', 'reason', 'start', 'seed', 'position_error_m', 'lateral_error_m'),
     *('longitudinal_error_m', 'heading_error_deg', 'duration_s', 'path_length_m'),
     *('max_distance_ratio', 'min_visible_features', 'max_linear_speed', 'max_angular_speed'),
     *('phases', 'attempts', 'wrong_geometry_s'),
 }
-TINY = """
-camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
-run: {max_duration: 2.0}
-"""
 CLOSE = ('--start', '0.3', '-2.2', '0')
 START = ('--start', '1', '-3', '0')
+PACKAGE = ROOT / 'visual_servo_epipolar'
+COMMANDS = parser(EVALUATION).commands
 
 
-def visual_servo(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def visual_servo(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
     return subprocess.run(
-        [sys.executable, '-m', 'visual_servo_epipolar', *arguments],
-        cwd=cwd,
-        env={**os.environ, 'PYTHONPATH': path},
-        capture_output=True,
-        text=True,
-        timeout=120,
+        [*COMMAND, *arguments], env=environment(), capture_output=True, text=True, timeout=120
     )
 
 
-def one_line(capsys, *arguments: str) -> str:
-    """Run the command in this process; it must end with 2 and say why in one line."""
-    try:
-        code = main(arguments)
-    except SystemExit as end:
-        code = end.code
-    shown = capsys.readouterr()
-    assert code == 2
-    assert shown.out == ''
-    assert len(shown.err.splitlines()) == 1, shown.err
-    assert shown.err.startswith('visual_servo'), shown.err
-    return shown.err
-
-
 @pytest.fixture
-def scenario(tmp_path):
+def scenario(tmp_path) -> str:
     path = tmp_path / 'tiny.yaml'
-    path.write_text(TINY)
+    path.write_text(f'{TINY}run: {{max_duration: 2.0}}')
     return str(path)
 
 
@@ -96,40 +72,34 @@ def test_a_run_from_the_goal_itself_is_valid_json(capsys) -> None:
     assert json.loads(capsys.readouterr().out)['max_distance_ratio'] is None
 
 
-@pytest.mark.parametrize(
-    ('start', 'reason'),
-    [
-        (['a', '-3', '0'], "'a' is not a number"),
-        (['1', 'nan', '0'], 'not finite'),
-        (['1', '-3', '1e999'], 'not finite'),
-        (['1e9', '1', '1'], 'within 100 m and the heading within 360 deg of the goal, got 1e+09'),
-        (['1', '-101', '1'], 'got 1 -101 1'),
-        (['1', '-3', '-361'], 'got 1 -3 -361'),
-        (['1', '-3'], 'expected 3 arguments'),
-        (None, 'required: --start'),
-    ],
-)
-def test_a_bad_start_is_refused(capsys, start, reason) -> None:
-    assert reason in one_line(capsys, 'simulate', *(['--start', *start] if start else []))
+SIMULATE = ('simulate', *START)
+REFUSED = [
+    ([], 'COMMAND'),
+    (['fly'], 'invalid choice'),
+    (['simulate'], 'required: --start'),
+    (['simulate', '--start', '1', '-3'], 'expected 3 arguments'),
+    *(
+        (['simulate', '--start', *start.split()], reason)
+        for start, reason in (
+            ('a -3 0', "'a' is not a number"),
+            ('1 nan 0', 'not finite'),
+            ('1 -3 1e999', 'not finite'),
+            ('1e9 1 1', 'within 100 m and the heading within 360 deg of the goal, got 1e+09'),
+            ('1 -101 1', 'got 1 -101 1'),
+            ('1 -3 -361', 'got 1 -3 -361'),
+        )
+    ),
+    *(([*SIMULATE, '--seed', it], 'not a whole number') for it in ('-1', '1.5', '99999999999')),
+    *(([*SIMULATE, '--scenario', it], 'no scenario file') for it in ('other', '', '/')),
+    ([*SIMULATE, '--law', 'other'], 'law must be one of'),
+    ([*SIMULATE, '--estimator', 'other'], 'estimator must be one of'),
+    ([*SIMULATE, '--source', 'other'], 'invalid choice'),
+]
 
 
-@pytest.mark.parametrize(
-    ('option', 'value', 'reason'),
-    [
-        ('--seed', '-1', 'not a whole number'),
-        ('--seed', '1.5', 'not a whole number'),
-        ('--seed', '99999999999', 'not a whole number'),
-        ('--law', 'other', 'law must be one of'),
-        ('--estimator', 'other', 'estimator must be one of'),
-        ('--source', 'other', 'invalid choice'),
-        ('--scenario', 'other', 'no scenario file'),
-        ('--scenario', '', 'no scenario file'),
-        ('--scenario', '/', 'no scenario file'),
-        ('--colour', 'red', 'unrecognized arguments'),
-    ],
-)
-def test_a_bad_option_is_refused(capsys, option, value, reason) -> None:
-    assert reason in one_line(capsys, 'simulate', *START, option, value)
+@pytest.mark.parametrize(('arguments', 'reason'), REFUSED)
+def test_bad_usage_is_one_line(capsys, arguments, reason) -> None:
+    assert reason in refusal(capsys, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +121,7 @@ def test_a_bad_option_is_refused(capsys, option, value, reason) -> None:
 def test_a_bad_scenario_is_refused(capsys, tmp_path, content, reason) -> None:
     path = tmp_path / 'scenario.yaml'
     path.write_bytes(content)
-    error = one_line(capsys, 'simulate', *START, '--scenario', str(path))
+    error = refusal(capsys, 'simulate', *START, '--scenario', str(path))
     assert re.search(reason, error), error
     assert str(path) in error
 
@@ -168,16 +138,6 @@ def test_a_bad_place_of_results_is_refused(
     assert [path.name for path in tmp_path.iterdir()] == ['tiny.yaml']
 
 
-def test_a_folder_that_cannot_be_made_is_refused(capsys, tmp_path) -> None:
-    (tmp_path / 'file').touch()
-    error = one_line(capsys, 'demo', '--out', str(tmp_path / 'file' / 'demo'))
-    assert 'nothing can be written there: Not a directory; give another --out' in error
-
-
-def subcommands(*rooms: str) -> dict:
-    return next(item for item in parser(*rooms)._actions if item.dest == 'command').choices
-
-
 NEEDED = {
     'simulate': START,
     'sweep': ('--region', 'front', '--runs', '1'),
@@ -189,7 +149,7 @@ NEEDED = {
 
 
 @pytest.mark.parametrize('option', ['--out', '--json', '--table'])
-@pytest.mark.parametrize('name', subcommands())
+@pytest.mark.parametrize('name', COMMANDS)
 def test_what_is_not_writable_is_refused_first(
     capsys, tmp_path, monkeypatch, name, option
 ) -> None:
@@ -201,7 +161,7 @@ def test_what_is_not_writable_is_refused_first(
     if f'{option} ' not in capsys.readouterr().out:
         return
     out = ('--out', 'o') if name == 'reproduce' and option != '--out' else ()
-    error = one_line(capsys, name, *which, *out, option, 'file/x')
+    error = refusal(capsys, name, *which, *out, option, 'file/x')
     assert error.startswith(f'visual_servo {name}: file/x: ') and 'Not a directory' in error
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
@@ -219,38 +179,17 @@ def test_a_folder_is_no_place_for_a_route(capsys, tmp_path, monkeypatch, action,
     folder.mkdir(parents=True)
     (folder / 'thesis.tex').touch()
     words = ['route', action, *(['bag'] if action == 'teach' else [])]
-    error = one_line(capsys, *words, *([f'--out{option}'] if option else []))
+    error = refusal(capsys, *words, *([f'--out{option}'] if option else []))
     assert 'holds something else, thesis.tex; name another one' in error
 
 
-@pytest.mark.parametrize('name', subcommands())
+@pytest.mark.parametrize('name', COMMANDS)
 def test_an_unknown_option_names_its_subcommand(capsys, name) -> None:
     needed = ('all', '--out', 'o') if name == 'reproduce' else NEEDED.get(name, ())
-    error = one_line(capsys, name, *needed, '--colour')
+    error = refusal(capsys, name, *needed, '--colour')
     assert error == (
         f'visual_servo {name}: unrecognized arguments: --colour; see visual_servo {name} --help\n'
     )
-
-
-@pytest.mark.parametrize('name', ['', *subcommands()])
-def test_everything_has_help(capsys, name) -> None:
-    with pytest.raises(SystemExit) as end:
-        main([*filter(None, [name]), '--help'])
-    assert end.value.code == 0
-    assert 'usage: visual_servo' in capsys.readouterr().out
-
-
-def test_no_command_is_refused(capsys) -> None:
-    assert 'COMMAND' in one_line(capsys)
-
-
-def test_an_unknown_command_is_refused(capsys) -> None:
-    assert 'invalid choice' in one_line(capsys, 'fly')
-
-
-def test_refusal_in_a_process_of_its_own_has_no_traceback() -> None:
-    ended = visual_servo('simulate', *START, '--scenario', 'other')
-    assert (ended.returncode, ended.stdout, len(ended.stderr.splitlines())) == (2, '', 1)
 
 
 def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
@@ -272,10 +211,6 @@ def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
         frames += 1
     video.release()
     assert frames >= 20  # two seconds at 11 Hz
-
-
-PACKAGE = Path(__file__).parents[2] / 'visual_servo_epipolar'
-COMMANDS = subcommands(EVALUATION)
 
 
 @pytest.mark.parametrize('name', COMMANDS)
@@ -338,9 +273,6 @@ def test_a_scenario_and_a_setting_without_its_section_are_answered(capsys) -> No
 
 
 AWAY = ('--start', '0', '-3', '180', '--scenario')
-TINY_HOPELESS_START = """
-camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
-"""
 REASON = 'no feature of the photograph is in view'
 
 
@@ -366,7 +298,7 @@ def test_the_demo_ends_with_the_reason_and_leaves_nothing_of_before(tmp_path: Pa
     (tmp_path / 'bag').mkdir()
     (tmp_path / 'bag/bag_0.mcap').touch()
     scenario = tmp_path / 'tiny.yaml'
-    scenario.write_text(TINY_HOPELESS_START)
+    scenario.write_text(TINY)
     options = ('--no-video', '--bag', 'none', '--out', str(tmp_path))
     assert main(['demo', *AWAY, str(scenario), *options]) == 1
     failed(tmp_path / 'result.json')

@@ -4,21 +4,17 @@ from pathlib import Path
 
 from bag_reading import read_back
 from bagmaker import decoded
+from command_line import TINY
 import pytest
 
 from visual_servo_epipolar.commands.main import main
 
 pytest.importorskip('rclpy')
 
-TINY = """
-camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
-run: {max_duration: 1.0}
-"""
-
 
 def demo(folder: Path, *more: str) -> int:
     """Run a demo of one second into ``folder``; it fails, for that is too short."""
-    (folder / 'tiny.yaml').write_text(TINY)
+    (folder / 'tiny.yaml').write_text(f'{TINY}run: {{max_duration: 1.0}}')
     start = ('--start', '0.3', '-2.2', '0', '--scenario', str(folder / 'tiny.yaml'))
     return main(['demo', *start, '--no-video', '--out', str(folder / 'out'), *more])
 

@@ -10,24 +10,15 @@ import sys
 import time
 from typing import Any
 
+from command_line import COMMAND, environment, TINY
 import pytest
 
 from visual_servo_epipolar.commands import simulate
 from visual_servo_epipolar.commands.main import main, terminable, Terminated
 from visual_servo_epipolar.files import write_whole
 
-ROOT = Path(__file__).parents[2]
 TIMEOUT_SEC = 120.0
 START = ('--start', '1', '-3', '0')
-SMALL = """
-camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
-"""
-COMMAND = (sys.executable, '-m', 'visual_servo_epipolar')
-
-
-def environment(**more: str) -> dict[str, str]:
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
-    return {**os.environ, 'PYTHONPATH': path, **more}
 
 
 @pytest.mark.parametrize(
@@ -108,7 +99,7 @@ def test_a_terminated_demo_closes_its_bag_and_leaves_no_half_video(tmp_path, sig
     pytest.importorskip('rclpy')
     from bag_reading import read_back
 
-    (tmp_path / 'small.yaml').write_text(SMALL)
+    (tmp_path / 'small.yaml').write_text(TINY)
     process = subprocess.Popen(
         [*COMMAND, 'demo', *START, '--scenario', 'small.yaml', '--out', 'out', '--bag', 'images'],
         cwd=tmp_path,

@@ -1,16 +1,15 @@
 """What is not installed: the rest works, and one line says what is missing and what to do."""
 
-import os
 from pathlib import Path
 import subprocess
 import sys
 
+from command_line import environment, TINY
 import pytest
 
 from visual_servo_epipolar.commands.main import main, parser
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
-ROOT = Path(__file__).parents[2]
 # Read by every Python that is started with its folder on PYTHONPATH, workers of a sweep as well.
 BLOCKER = """
 import sys
@@ -19,10 +18,6 @@ class Blocker:
         if name.partition('.')[0] in {packages!r}:
             raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
 sys.meta_path.insert(0, Blocker())
-"""
-TINY = """
-camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
-run: {max_duration: 1.0}
 """
 CAMERA = """
 image_width: 320
@@ -44,7 +39,7 @@ def folder(tmp_path: Path) -> Path:
     from visual_servo_epipolar.simulation.scenario import load
 
     cv2 = pytest.importorskip('cv2')
-    (tmp_path / 'tiny.yaml').write_text(TINY)
+    (tmp_path / 'tiny.yaml').write_text(f'{TINY}run: {{max_duration: 1.0}}')
     (tmp_path / 'camera.yaml').write_text(CAMERA)
     photograph = CameraSimulator(load(tmp_path / 'tiny.yaml').camera).photograph()
     write_whole(tmp_path / 'a.png', cv2.imencode('.png', photograph)[1].tobytes())
@@ -71,11 +66,10 @@ def start(
     """Run Python likewise."""
     (folder / 'first').mkdir()
     (folder / f'first/{module}.py').write_text(text)
-    path = [str(folder / 'first'), str(ROOT), os.environ.get('PYTHONPATH', '')]
     return subprocess.run(
         [sys.executable, *arguments],
         cwd=folder,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, path))},
+        env=environment(folder / 'first'),
         capture_output=True,
         text=True,
         timeout=120,

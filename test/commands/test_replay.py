@@ -6,6 +6,7 @@ import re
 import shutil
 
 from bagmaker import decoded, kind_of, TYPES, write_bag
+from command_line import document, refusal, ROOT
 import cv2
 import numpy as np
 import pytest
@@ -15,8 +16,6 @@ from sensor_msgs.msg import CameraInfo, Image
 from visual_servo_epipolar.commands import replay
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.messages import read, write
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope='module')
@@ -29,21 +28,6 @@ def driver(small_run, tmp_path_factory) -> str:
     """Return a bag of the camera alone."""
     recorded = [item for item in small_run if item[0] in ('/image_raw', '/camera_info')]
     return str(write_bag(tmp_path_factory.mktemp('bags') / 'driver', recorded[:30]))
-
-
-def shown_json(capsys, *arguments: str) -> tuple[int, dict]:
-    code = main(['replay', *arguments, '--json', '-'])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def refused(capsys, *arguments: str) -> str:
-    try:
-        code = main(['replay', *arguments])
-    except SystemExit as end:
-        code = end.code
-    shown = capsys.readouterr()
-    assert (code, shown.out, len(shown.err.splitlines())) == (2, '', 1), shown
-    return shown.err
 
 
 def test_the_recorded_parameters_give_the_same_and_exit_0(bag, capsys) -> None:
@@ -64,7 +48,9 @@ def test_other_parameters_exit_1_and_say_where_they_part(bag, capsys) -> None:
 
 
 def test_the_json_is_that_of_a_run_with_the_comparison(bag, capsys) -> None:
-    code, result = shown_json(capsys, bag, '--tracks', '--set', 'servo.k1=0.1', 'servo.k_t=1e1')
+    changes = '--set', 'servo.k1=0.1', 'servo.k_t=1e1'
+    code = main(['replay', bag, '--tracks', *changes, '--json', '-'])
+    result = json.loads(capsys.readouterr().out)
     assert result['source'] == 'tracks'
     assert result['changes'] == {'servo': {'k1': 0.1, 'k_t': 10.0}}
     assert {'outcome', 'phases', 'position_error_m', 'start', 'attempts'} <= result.keys()
@@ -75,20 +61,8 @@ def test_the_json_is_that_of_a_run_with_the_comparison(bag, capsys) -> None:
 
 def test_result_and_figure_are_written(bag, tmp_path, capsys) -> None:
     out = tmp_path / 'out ä'
-    assert (
-        main(
-            [
-                'replay',
-                bag,
-                '--tracks',
-                '--set',
-                'servo.max_angular_acceleration=0.4',
-                '--out',
-                str(out),
-            ]
-        )
-        == 1
-    )
+    changes = '--set', 'servo.max_angular_acceleration=0.4'
+    assert main(['replay', bag, '--tracks', *changes, '--out', str(out)]) == 1
     assert json.loads((out / 'replay.json').read_text())['comparison']['equal'] is False
     assert cv2.imread(str(out / 'replay.png')).shape[1] > 800
     assert sorted(path.name for path in out.iterdir()) == ['replay.json', 'replay.png']
@@ -134,7 +108,7 @@ def test_another_numpy_is_named_and_what_it_rounds_is_within_a_tolerance(
     assert f'note: recorded with numpy 1.21.5, replayed with numpy {np.__version__}' in shown
     assert main(['replay', path, '--tracks', '--tolerance', '1e-9']) == 0
     assert 'the same within 1e-09' in capsys.readouterr().out
-    _, result = shown_json(capsys, path, '--tracks')
+    result = document(capsys, 'replay', path, '--tracks', code=1)
     assert result['versions']['recorded']['numpy'] == '1.21.5'
     assert result['versions']['replayed']['numpy'] == np.__version__
 
@@ -142,7 +116,7 @@ def test_another_numpy_is_named_and_what_it_rounds_is_within_a_tolerance(
 def test_a_bag_with_broken_metadata_is_replayed_after_repair(bag, tmp_path, capsys) -> None:
     path = shutil.copytree(bag, tmp_path / 'run')
     (path / 'metadata.yaml').write_text('')
-    error = refused(capsys, str(path))
+    error = refusal(capsys, 'replay', str(path))
     assert 'bag cannot be read: Invalid bag metadata' in error
     assert 'try --repair' in error
     assert main(['replay', str(path), '--repair', '--tracks']) == 0
@@ -152,8 +126,8 @@ def test_a_bag_with_broken_metadata_is_replayed_after_repair(bag, tmp_path, caps
 def test_a_repaired_bag_asks_for_no_repair_again(small_run, tmp_path, capsys) -> None:
     cut = [(t, at, raw[:9] if t == '/camera_info' else raw) for t, at, raw in small_run[:40]]
     path = str(write_bag(tmp_path / 'run', cut))
-    assert 'try --repair' in refused(capsys, path)
-    error = refused(capsys, path, '--repair')
+    assert 'try --repair' in refusal(capsys, 'replay', path)
+    error = refusal(capsys, 'replay', path, '--repair')
     assert 'bag cannot be read' in error
     assert '--repair' not in error
 
@@ -183,8 +157,7 @@ def test_a_driver_with_a_photograph_in_a_file(driver, small_run, tmp_path, capsy
     path = tmp_path / 'goal.png'
     photograph = next(decoded(item) for item in small_run if item[0] == '/desired/image_raw')
     cv2.imwrite(str(path), read.gray(photograph))
-    code, result = shown_json(capsys, driver, '--desired', str(path))
-    assert code == 0
+    result = document(capsys, 'replay', driver, '--desired', str(path))
     assert result['comparison']['compared_steps'] == 0
     assert result['position_error_m'] is None
     assert len(result['notes']) == 2
@@ -210,9 +183,8 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_repaired(bag, tmp_path, ca
     (path / 'metadata.yaml').unlink()
     file = next(path.glob('*.mcap'))
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    assert 'was left open by a crash, try --repair' in refused(capsys, str(path))
-    code, result = shown_json(capsys, str(path), '--repair')
-    assert code == 0
+    assert 'was left open by a crash, try --repair' in refusal(capsys, 'replay', str(path))
+    result = document(capsys, 'replay', str(path), '--repair')
     assert 'run.repaired.mcap holds' in result['notes'][0]
     assert 10 < result['steps'] < 50
     assert main(['replay', str(path)]) == 0  # and it stays so
@@ -239,7 +211,7 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_repaired(bag, tmp_path, ca
     ],
 )
 def test_bad_input_is_one_line(bag, capsys, arguments, reason) -> None:
-    assert reason in refused(capsys, bag, *arguments)
+    assert reason in refusal(capsys, 'replay', bag, *arguments)
 
 
 def two_cameras(small_run, folder, image_frame: str, info_frame: str) -> str:
@@ -261,7 +233,7 @@ def test_a_camera_info_of_another_is_asked_about(small_run, tmp_path, capsys, ph
     assert (
         f'/cam/depth/camera_info is of the frame depth, /cam/color/image_raw of color: it is '
         f"another camera's; say which: --topics {topic}"
-    ) in refused(capsys, path, *goal)
+    ) in refusal(capsys, 'replay', path, *goal)
     assert main(['replay', path, *goal, '--topics', topic]) == 0
 
 
@@ -275,7 +247,7 @@ def test_a_camera_info_of_another_is_asked_about(small_run, tmp_path, capsys, ph
 )
 def test_what_looks_alike_is_noted(small_run, tmp_path, capsys, photograph, frames, noted) -> None:
     path = two_cameras(small_run, tmp_path, *frames)
-    _, result = shown_json(capsys, path, '--desired', photograph)
+    result = document(capsys, 'replay', path, '--desired', photograph)
     assert any(noted in note and '/cam/depth/camera_info' in note for note in result['notes'])
 
 
@@ -287,16 +259,18 @@ def photograph(small_run, tmp_path) -> str:
     return str(path)
 
 
-def test_a_desired_image_of_another_size_is_refused(driver, tmp_path, capsys) -> None:
-    path = tmp_path / 'other.png'
-    cv2.imwrite(str(path), cv2.resize(cv2.imread(str(ROOT / 'docs/demo.jpg'), 0), (400, 300)))
-    assert 'must have the size of the desired one' in refused(
-        capsys, driver, '--desired', str(path)
-    )
-
-
-def test_a_blank_desired_image_is_refused(driver, tmp_path, capsys) -> None:
-    path = tmp_path / 'blank.png'
-    blank = np.full((256, 320), 90, 'u1')
-    cv2.imwrite(str(path), blank)
-    assert 'the desired image cannot be used' in refused(capsys, driver, '--desired', str(path))
+@pytest.mark.parametrize(
+    ('kind', 'reason'),
+    [
+        ('another size', 'must have the size of the desired one'),
+        ('blank', 'the desired image cannot be used'),
+    ],
+)
+def test_a_desired_image_that_cannot_be_used_is_refused(
+    driver, tmp_path, capsys, kind, reason
+) -> None:
+    image = np.full((256, 320), 90, np.uint8)
+    if kind == 'another size':
+        image = cv2.resize(cv2.imread(str(ROOT / 'docs/demo.jpg'), 0), (400, 300))
+    cv2.imwrite(str(tmp_path / 'other.png'), image)
+    assert reason in refusal(capsys, 'replay', driver, '--desired', str(tmp_path / 'other.png'))

@@ -8,10 +8,10 @@ from pathlib import Path
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from typing import Any
 
+from command_line import COMMAND, document, environment, refusal, TINY
 import cv2
 import psutil
 import pytest
@@ -21,7 +21,6 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.sweeping.plan import Chunk, work
 from visual_servo_epipolar.sweeping.store import FILE
 
-ROOT = Path(__file__).parents[2]
 TIMEOUT_SEC = 60.0
 MANY = '96'  # runs, which go on while something happens to them
 BRIEF = 'run: {max_duration: 2.0}\n'  # too short to arrive
@@ -48,10 +47,9 @@ def brief(tmp_path: Path) -> str:
 @contextmanager
 def started(*arguments: str) -> 'Iterator[subprocess.Popen[str]]':
     """Run the command in a process of its own, in a group of its own."""
-    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
     process = subprocess.Popen(
-        [sys.executable, '-m', 'visual_servo_epipolar', *arguments],
-        env={**os.environ, 'PYTHONPATH': path},
+        [*COMMAND, *arguments],
+        env=environment(),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -79,23 +77,6 @@ def wait_for_runs(folder: Path, runs: int, process: 'subprocess.Popen[str]') -> 
     pytest.fail(f'waited {TIMEOUT_SEC:g} s for {runs} runs, {lines} came')
 
 
-def swept(capsys: Any, *arguments: str, code: int = 0) -> dict[str, Any]:
-    """Run a sweep in this process and return its JSON."""
-    assert main([*SWEEP, *arguments, '--json', '-']) == code
-    return json.loads(capsys.readouterr().out)
-
-
-def refused(capsys: Any, *arguments: str) -> str:
-    try:
-        code = main(arguments)
-    except SystemExit as end:
-        code = end.code
-    shown = capsys.readouterr()
-    assert (code, shown.out) == (2, '')
-    assert len(shown.err.splitlines()) == 1, shown.err
-    return shown.err
-
-
 def test_a_sweep_arrives_and_reports(tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / 'out'
     out.mkdir()
@@ -105,14 +86,14 @@ def test_a_sweep_arrives_and_reports(tmp_path: Path, capsys: Any) -> None:
     assert '100 % (3 of 3)' in shown.out
     assert shown.out.splitlines()[-1] == f'written to {out}: map.png, runs.jsonl, table.md'
     assert shown.err == ''
-    document = json.loads((tmp_path / 'j').read_text())
-    assert document['success_rate'] == 1.0
-    assert len(document['runs']) == 3
+    result = json.loads((tmp_path / 'j').read_text())
+    assert result['success_rate'] == 1.0
+    assert len(result['runs']) == 3
     for name in ('position_error_m', 'lateral_error_m', 'longitudinal_error_m'):
-        assert 0.0 <= document[name]['median'] <= document[name]['p95'] <= document[name]['max']
-        assert document[name]['max'] < 0.05
-    assert document['heading_error_deg']['max'] < 2.0
-    assert document['wall_s'] > 0.0
+        assert 0.0 <= result[name]['median'] <= result[name]['p95'] <= result[name]['max']
+        assert result[name]['max'] < 0.05
+    assert result['heading_error_deg']['max'] < 2.0
+    assert result['wall_s'] > 0.0
     assert {path.name for path in out.iterdir()} == {
         *('runs.jsonl', 'table.md', 'map.png', 'old.png'),
     }
@@ -121,13 +102,10 @@ def test_a_sweep_arrives_and_reports(tmp_path: Path, capsys: Any) -> None:
 
 def test_images_are_swept_too(tmp_path: Path, capsys: Any) -> None:
     scenario = tmp_path / 'tiny.yaml'
-    scenario.write_text(
-        'camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, '
-        'principal_v: 119.5}\nrun: {max_duration: 1.0}\n'
-    )
+    scenario.write_text(f'{TINY}run: {{max_duration: 1.0}}')
     common = ('--source', 'images', '--scenario', str(scenario))
     here = ('--jobs', '1', '--scenes', '8', '--out', str(tmp_path / 'out'))
-    (single,) = swept(capsys, '--runs', '1', *common, *here)['runs']
+    (single,) = document(capsys, *SWEEP, '--runs', '1', *common, *here)['runs']
     assert 'not arrived within 1 s' in single['reason']
     start = [str(value) for value in single['start']]
     seeds = ('--scene', '8', '--seed', str(single['seed']))
@@ -139,7 +117,7 @@ def test_without_a_folder_each_sweep_gets_its_own(tmp_path, capsys, brief, monke
     monkeypatch.chdir(tmp_path)
     common = ('--runs', '1', '--jobs', '1', '--scenario', brief)
     for seed in ('1', '2'):
-        swept(capsys, *common, '--seed', seed)
+        document(capsys, *SWEEP, *common, '--seed', seed)
     folders = sorted(path.name for path in (tmp_path / 'sweep_out').iterdir())
     assert len(folders) == 2
     assert folders[0].startswith('front-features-full-seed1-')
@@ -159,7 +137,7 @@ def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief:
     kept = (folder / FILE).read_bytes()
     kept = kept[: kept.rfind(b'\n') + 1]
     runs = kept.count(b'\n') + 7  # eight to go
-    resumed = swept(capsys, *common, '--runs', str(runs), '--out', str(folder))
+    resumed = document(capsys, *SWEEP, *common, '--runs', str(runs), '--out', str(folder))
     assert (folder / FILE).read_bytes().startswith(kept)
     assert resumed['runs'] == work(plan_of(runs), Chunk('full', tuple(range(runs))))
 
@@ -249,5 +227,5 @@ def test_a_run_that_raised_is_named_and_it_ends_with_1(tmp_path, capsys, brief, 
 )
 def test_bad_usage_is_refused(tmp_path, capsys, options, reason, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert reason in refused(capsys, *SWEEP, *options)
+    assert reason in refusal(capsys, *SWEEP, *options)
     assert list(tmp_path.iterdir()) == []

@@ -1,34 +1,26 @@
 """Requests to dock: a servo that is ordered about, and one that drives; failures, cancels."""
 
-from dataclasses import replace
 import math
 
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
-from geometry_msgs.msg import Twist as TwistMessage
 from lifecycles import assert_cycles_leave_nothing, assert_gone_at_once, change, go
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_msgs.msg import String
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
 from dock_requests import Client, SERVED, served, Servo  # noqa: E402
-from docking_drives import CAMERA, true_dock  # noqa: E402
+from docking_drives import true_dock  # noqa: E402
 from fibonacci_wire import BY_POSE  # noqa: E402
 import fuzzing  # noqa: E402
+from servo_rig import NOTHING, PERIOD_NS, Rig  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL  # noqa: E402
 from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
-from visual_servo_epipolar.core.tracking.features import Features  # noqa: E402
 from visual_servo_epipolar.messages import read, write  # noqa: E402
-from visual_servo_epipolar.nodes import qos  # noqa: E402
-from visual_servo_epipolar.nodes.servo_node import ServoNode  # noqa: E402
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld  # noqa: E402
-from visual_servo_epipolar.simulation.rigs import SimulatedRig  # noqa: E402
 
 ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
 DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0])
@@ -204,58 +196,39 @@ def test_docking_outlives_all_that_it_hears(bench, servo, node, client) -> None:
     assert client.outcome(result)[1][0] == 1
 
 
-PERIOD_NS, PERIOD_S = 90_909_091, 0.090909091
 HALF_WAY = -1.1
-GOAL = 7  # the number of the photograph
 
 
-class Robot:
+class Robot(Rig):
     """A base that obeys a real servo, its camera, and a client that asks it to dock."""
 
+    goal = 7  # the number of the photograph
+
     def __init__(self, bench, **servo) -> None:
-        self.bench, self.poses = bench, {}
-        self.world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=1)
-        self.pose, self.frame, self.blind = Pose.from_start(0.2, -1.2, 4.0), 0, False
-        self.commands = bench.listen(TwistMessage, 'cmd_vel')
+        self.poses, self.pose, self.blind = {}, Pose.from_start(0.2, -1.2, 4.0), False
         self.detected = bench.listen(PoseStamped, 'detected_dock_pose')
-        self.phases = bench.listen(String, 'phase', qos.LATCHED)
-        self.tracks = bench.talk(PointCloud2, 'tracks')
         self.odometry = bench.talk(Odometry, 'odom')
-        info = bench.talk(CameraInfo, 'camera_info')
-        self.servo = bench.start(ServoNode, stale_timeout=60.0, max_latency=0.0, **servo)
-        self.node = bench.start(served, serve_action=True, servo_timeout=60.0)
-        info(write.camera_info(CAMERA, 0, 'camera'))
-        bench.settle()
+        super().__init__(bench, calibrated=False, autostart=False, **servo)
+        bench.start(served, serve_action=True, servo_timeout=60.0)
+        self.hear()
         self.client = Client(bench)
         self.step()  # or a start would be refused
 
     def ask(self):
         """Ask for docking, and wait until the servo has been started."""
         goal, result = self.client.ask()
-        self.armed()
+        self.bench.until(lambda: self.words[-1].data == 'armed', 'the servo to be started')
         return goal, result
-
-    def armed(self) -> None:
-        self.bench.until(lambda: self.phase == 'armed', 'the servo to be started')
-
-    @property
-    def phase(self) -> str:
-        return self.phases[-1].data if self.phases else ''
 
     def step(self) -> None:
         """Look, wait for what the servo does about it, and obey for one period."""
-        stamp_ns = (self.frame + 1) * PERIOD_NS
-        heard, seen = len(self.commands), self.world.observe(self.pose, self.frame)
+        heard, stamp_ns = len(self.commands), self.stamp_ns
         self.poses[stamp_ns] = self.pose
         self.odometry(write.odometry(self.pose, STANDSTILL, stamp_ns, 'odom', 'base_link'))
-        seen = replace(Features() if self.blind else seen, goal=GOAL)
-        received = self.servo.received
-        self.tracks(write.features(seen, stamp_ns, 'camera'))
-        self.bench.until(lambda: self.servo.received > received, 'tracks to arrive')
-        self.bench.settle()
-        self.frame += 1
+        frame = stamp_ns // PERIOD_NS
+        self.show(NOTHING if self.blind else self.world.observe(self.pose, frame))
         if len(self.commands) > heard:
-            self.pose = integrate(self.pose, read.twist(self.commands[-1]), PERIOD_S)
+            self.pose = integrate(self.pose, self.twist, 1e-9 * PERIOD_NS)
 
     def drive_until(self, condition, most=1200) -> None:
         for _ in range(most):
@@ -264,10 +237,6 @@ class Robot:
             self.step()
         pytest.fail(f'not after {most} images: phase {self.phase}')
 
-    def drive_half(self) -> None:
-        controls = lambda: self.client.states()[-1:] == [State.CONTROLLING]  # noqa: E731
-        self.drive_until(lambda: controls() and self.pose.y > HALF_WAY)
-
     def outcome(self, result):
         self.drive_until(result.done)
         return self.client.outcome(result)
@@ -275,42 +244,27 @@ class Robot:
 
 @pytest.fixture
 def robot(bench):
-    made = []
-
-    def make(**values):
-        made.append(Robot(bench, **values))
-        return made[0]
-
-    yield make
-    for each in made:
-        each.client.close()
-
-
-def assert_docked(robot) -> None:
-    """Lateral, longitudinal and heading error of a base that stands at the dock."""
-    assert max(abs(robot.pose.x), abs(robot.pose.y)) < 0.005
-    assert abs(robot.pose.heading_error) < math.radians(0.2)
+    made = Robot(bench, holding_timeout=1.0)
+    yield made
+    made.client.close()
 
 
 def test_it_docks_after_a_failed_request_and_detects_the_dock_on_the_way(robot) -> None:
-    it = robot(holding_timeout=1.0)
-    _, result = it.ask()
-    it.drive_half()
-    it.blind = True  # something stands before the camera until the servo gives up
-    assert it.outcome(result) == (ABORTED, [0, int(Error.FAILED_TO_DETECT_DOCK)])
-    it.blind = False
-    _, result = it.ask()
-    assert it.outcome(result) == DOCKED
-    assert_docked(it)
-    it.bench.settle()
-    errors = [
-        math.hypot(*(true_dock(it.poses[read.stamp_ns(message.header)])[:2] - place(message)))
-        for message in it.detected
-    ]
+    _, result = robot.ask()
+    controls = lambda: robot.client.states()[-1:] == [State.CONTROLLING]  # noqa: E731
+    robot.drive_until(lambda: controls() and robot.pose.y > HALF_WAY)
+    robot.blind = True  # something stands before the camera until the servo gives up
+    assert robot.outcome(result) == (ABORTED, [0, int(Error.FAILED_TO_DETECT_DOCK)])
+    robot.blind = False
+    _, result = robot.ask()
+    assert robot.outcome(result) == DOCKED
+    assert max(abs(robot.pose.x), abs(robot.pose.y)) < 0.005
+    assert abs(robot.pose.heading_error) < math.radians(0.2)
+    robot.bench.settle()
+    errors = []
+    for message in robot.detected:
+        place, dock = message.pose.position, true_dock(robot.poses[read.stamp_ns(message.header)])
+        errors.append(math.hypot(place.x - dock[0], place.y - dock[1]))
     assert len(errors) > 20
     assert max(errors) < 0.2  # four of the deviations at which it is published
     assert errors[-1] < 0.01
-
-
-def place(message):
-    return np.array([message.pose.position.x, message.pose.position.y])

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import lockstep
+from visual_servo_epipolar.nodes.commands import Commands
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
@@ -150,7 +151,7 @@ def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:
             begin()
 
         nodes.unicycle.begin = begin_impatiently
-        nodes.servo._commands.send = lambda *_: None
+        monkeypatch.setattr(Commands, 'send', lambda *_: None)
         with pytest.raises(LockstepError, match=r'after 0 steps, waiting for the first step'):
             nodes.run(lambda: False)
 

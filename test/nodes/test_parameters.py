@@ -25,6 +25,9 @@ MEANT_TO_DIFFER = {
 }
 
 
+OF_RCLPY = {'use_sim_time', 'start_type_description_service'}
+
+
 def settings_fields(name):
     return {item.name: item for kind in settings_of(name) for item in parameters_of(kind)}
 
@@ -41,13 +44,13 @@ def plain(value):
 @pytest.fixture(params=NODES)
 def running(request, bench, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
-    bench.start(node_class(request.param))
-    return request.param, bench
+    return request.param, bench, bench.start(node_class(request.param))
 
 
 def test_every_setting_is_declared_with_text_range_and_whether_it_is_fixed(running) -> None:
-    name, bench = running
+    name, bench, node = running
     fields_by_name = settings_fields(name)
+    assert node.get_parameters_by_prefix('').keys() - OF_RCLPY == fields_by_name.keys()
     request = DescribeParameters.Request(names=list(fields_by_name))
     answer = bench.call(f'{name}/describe_parameters', DescribeParameters, request)
     descriptors = answer.descriptors
@@ -142,8 +145,6 @@ def test_changes_are_taken_together_or_not_at_all_and_logged_with_what_was(bench
 
 
 GOOD = [
-    ('servo_node', 'latency', 0.5, lambda node: node._settings.latency),
-    ('servo_node', 'law', 'paper', lambda node: node._settings.law),
     ('tracker_node', 'max_features', 50, lambda node: node._tracker.settings.max_features),
     ('unicycle_node', 'max_linear', 0.25, lambda node: node._base.settings.max_linear),
     ('camera_node', 'jitter', 0.05, lambda node: node._simulator.settings.jitter),

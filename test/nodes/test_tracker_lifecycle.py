@@ -57,18 +57,14 @@ def test_its_last_word_is_an_empty_cloud_which_stops_the_servo(rig, photograph) 
     assert rig.see() == -1
 
 
-def test_it_keeps_photograph_and_camera_while_inactive(rig, photograph) -> None:
-    rig.taught(photograph).see()
-    go(rig.bench, rig.node, 'deactivate', 'activate')
-    assert rig.see(calibrated=False) > 40
-
-
-def test_active_again_it_matches_anew(rig, photograph) -> None:
+def test_it_keeps_photograph_and_camera_while_inactive_and_then_matches_anew(
+    rig, photograph
+) -> None:
     rig.taught(photograph).see()
     assert rig.see() > 40
     assert read.features(rig.clouds[-1]).ages.max() == 1
     go(rig.bench, rig.node, 'deactivate', 'activate')
-    assert rig.see() > 40
+    assert rig.see(calibrated=False) > 40
     assert read.features(rig.clouds[-1]).ages.max() == 0
 
 

@@ -82,12 +82,10 @@ def test_title_has_start_and_errors(log: RunLog) -> None:
     assert 'x -0.6 m, y -3 m, heading +8 deg' in title
 
 
-def test_how_it_arrived_is_no_line_of_the_title(log: RunLog) -> None:
-    assert '\n' not in suptitle(trajectory(replace(log, outcome='arrived', reason='matched')))
-
-
-def test_reason_of_a_failure_is_in_the_title(log: RunLog) -> None:
-    assert 'too dark' in suptitle(trajectory(replace(log, outcome='failed', reason='too dark')))
+@pytest.mark.parametrize(('outcome', 'why'), [('arrived', 'matched'), ('failed', 'too dark')])
+def test_the_title_has_the_reason_of_a_failure_alone(log: RunLog, outcome: str, why: str) -> None:
+    title = suptitle(trajectory(replace(log, outcome=outcome, reason=why)))
+    assert (why in title) == ('\n' in title) == (outcome == 'failed')
 
 
 @pytest.mark.parametrize('draw', [trajectory, signals])

@@ -171,21 +171,22 @@ def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path) -> None:
     assert status.written[WORDS.name] + status.dropped[WORDS.name] == number + 1
 
 
-def test_too_little_space_is_refused_at_the_start(tmp_path) -> None:
-    with pytest.raises(InputError, match='MB are free .* must stay free; make space'):
-        Recorder(tmp_path / 'bag', RecordSettings(min_free=1e7))
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_existing_folder_is_left_alone(tmp_path) -> None:
-    with pytest.raises(InputError, match='exists already; name another bag'):
-        Recorder(tmp_path)
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path) -> None:
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(InputError, match='bag cannot be written: Not a directory'):
-        Recorder(tmp_path / 'file' / 'bag')
+@pytest.mark.parametrize(
+    ('name', 'min_free', 'reason'),
+    [
+        ('bag', 1e7, 'MB are free .* must stay free; make space'),
+        ('there', 0.0, 'exists already; name another bag'),
+        ('file/bag', 0.0, 'bag cannot be written: Not a directory'),
+    ],
+)
+def test_a_bag_that_cannot_be_begun_is_refused_and_nothing_is_left(
+    tmp_path, name, min_free, reason
+) -> None:
+    (tmp_path / 'there').mkdir()
+    (tmp_path / 'file').touch()
+    with pytest.raises(InputError, match=reason):
+        Recorder(tmp_path / name, RecordSettings(min_free=min_free))
+    assert {path.name for path in tmp_path.rglob('*')} == {'there', 'file'}
 
 
 def test_a_message_type_without_a_definition_is_refused(tmp_path) -> None:

@@ -9,6 +9,7 @@ import shutil
 
 from bagmaker import decoded, write_bag
 from browser import ask_browser, needs_browser, open_in_browser
+from command_line import refusal
 import cv2
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from visual_servo_epipolar.report.images.video import pyav
 from visual_servo_epipolar.report.page import Headline, Section, write_page
 
 PERIOD_NS = 90_909_091
+POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 # Written into a copy of the page: what the browser made of it.
 PROBE = """
 <pre id="probe"></pre>
@@ -90,8 +92,7 @@ def test_a_browser_shows_it_without_errors_or_network(kind, figures, request, tm
     assert 'CONSOLE' not in logged
     text = page.read_text(encoding='utf-8')
     probed = tmp_path / 'probed.html'
-    policy = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
-    probed.write_text(policy.sub('', text).replace('</body>', PROBE), encoding='utf-8')
+    probed.write_text(POLICY.sub('', text).replace('</body>', PROBE), encoding='utf-8')
     shown, logged = open_in_browser(probed, tmp_path)
     assert 'CONSOLE' not in logged
     probe = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', shown, re.DOTALL)[1])
@@ -128,27 +129,17 @@ def test_a_bag_can_be_reported_with_other_parameters(bag, tmp_path) -> None:
     assert '<td>servo.k1</td><td>0.2</td>' in text
 
 
-def refused(capsys, *arguments: str) -> str:
-    try:
-        code = main(['report', *arguments])
-    except SystemExit as end:
-        code = end.code
-    shown = capsys.readouterr()
-    assert (code, shown.out, len(shown.err.splitlines())) == (2, '', 1), shown
-    return shown.err
-
-
 def test_what_is_neither_run_nor_bag_is_refused_and_leaves_nothing(tmp_path, capsys) -> None:
     (tmp_path / 'empty').mkdir()
     for name in ('empty', 'nowhere'):
-        error = refused(capsys, str(tmp_path / name), '--out', str(tmp_path / 'out'))
+        error = refusal(capsys, 'report', str(tmp_path / name), '--out', str(tmp_path / 'out'))
         assert 'bag' in error
     assert not (tmp_path / 'out').exists()
 
 
 def test_a_run_cannot_be_changed_afterwards(run_page, tmp_path, capsys) -> None:
     source = str(run_page.parents[1] / 'run')
-    error = refused(capsys, source, '--set', 'servo.k1=0.2', '--out', str(tmp_path))
+    error = refusal(capsys, 'report', source, '--set', 'servo.k1=0.2', '--out', str(tmp_path))
     assert 'is no bag: --set cannot change what is in it' in error
 
 
@@ -239,9 +230,8 @@ WIDE = """<script>addEventListener('load', () => {
 def test_of_a_folder_with_a_bag_in_it_the_bag_is_named(command, tmp_path, capsys) -> None:
     (tmp_path / 'bag').mkdir()  # as a demo that was interrupted leaves it
     (tmp_path / 'bag' / 'metadata.yaml').touch()
-    assert main([command, str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert f'not a bag, but a folder with one; give {tmp_path / "bag"}' in error
+    reason = f'not a bag, but a folder with one; give {tmp_path / "bag"}'
+    assert reason in refusal(capsys, command, str(tmp_path))
 
 
 @needs_browser
@@ -249,16 +239,14 @@ def test_long_notes_are_broken_into_lines(tmp_path) -> None:
     page = tmp_path / 'long.html'
     note = f'<pre>{"a note of many words " * 30}</pre>'
     write_page(page, 'title', Headline('Arrived', True, ''), [Section('Notes', note)])
-    text = page.read_text(encoding='utf-8').replace('</main>', WIDE)
-    start = text.index('<meta http-equiv="Content-Security-Policy"')
-    page.write_text(text[:start] + text[text.index('>', start) + 1 :], encoding='utf-8')
+    text = POLICY.sub('', page.read_text(encoding='utf-8'))
+    page.write_text(text.replace('</main>', WIDE), encoding='utf-8')
     shown, _ = open_in_browser(page, tmp_path)
     assert 'data-wide="false"' in shown
 
 
 needs_pyav = pytest.mark.skipif(pyav() is None, reason='PyAV is not installed')
 SIZE, FRAMES = (320, 240), 22
-POLICY = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 PROBE_VIDEO_ON_PAGE = """<script>
 const video = document.querySelector('video');
 const tell = () => fetch('/', {method: 'POST', body: JSON.stringify(

@@ -170,14 +170,6 @@ def test_a_robot_that_stands_without_a_reason_is_not_safe() -> None:
     assert judge_run(made, BOUNDS).verdict is RunVerdict.UNEXPLAINED
 
 
-def test_a_robot_that_drives_to_the_goal_and_sees_has_arrived() -> None:
-    judgement = judge_run(record(drive(0.3, 3.0)), BOUNDS)
-    assert judgement.verdict is RunVerdict.ARRIVED
-    assert judgement.safe
-    assert judgement.charges == ()
-    assert judgement.blind_s == 0.0
-
-
 def test_a_robot_that_drives_on_when_images_end_is_condemned() -> None:
     made = record(drive(0.3, 4.0), sight_until_s=1.5)
     judgement = judge_run(made, BOUNDS)

@@ -4,6 +4,7 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
+from command_line import refusal
 import cv2
 from matplotlib.figure import Figure
 import numpy as np
@@ -172,13 +173,7 @@ def test_simulation_2_writes_figures_table_data_and_json(tmp_path, capsys) -> No
     ],
 )
 def test_bad_usage_is_one_line(capsys, arguments, reason) -> None:
-    try:
-        code = main(['reproduce', *arguments])
-    except SystemExit as end:
-        code = end.code
-    shown = capsys.readouterr()
-    assert (code, shown.out) == (2, '')
-    assert reason in shown.err and len(shown.err.splitlines()) == 1
+    assert reason in refusal(capsys, 'reproduce', *arguments)
 
 
 # Of the largest value of each line: what another BLAS and another compiler may change.

@@ -136,7 +136,7 @@ class Fuzzed(Rig):
         send = Commands.send
 
         def listen(commands, command, stamp_ns) -> None:
-            self.sent.append((command.twist, self.run.active, self.node._state.phase))
+            self.sent.append((command.twist, self.run.active, self.run.state.phase))
             send(commands, command, stamp_ns)
 
         monkeypatch.setattr(Commands, 'send', listen)

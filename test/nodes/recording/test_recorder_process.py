@@ -6,7 +6,6 @@ import itertools
 import os
 from pathlib import Path
 import random
-import re
 import signal
 import subprocess
 import time
@@ -123,24 +122,6 @@ def test_a_recorder_that_was_suspended_goes_on(stand, tmp_path) -> None:
     process.send_signal(signal.SIGINT)
     assert process.wait(END_SEC) == 0, stand.output(bag)
     assert sequence_numbers(bag)[-1] > before
-
-
-@pytest.mark.parametrize(
-    ('exists', 'more', 'reason'),
-    [
-        (True, (), r'recorder_node.*: .*bag exists already; name another bag\n'),
-        (False, ('-p', 'storage:=sqlite3'), '.*convert the bag with "ros2 bag convert".*\n'),
-    ],
-)
-def test_what_cannot_be_ends_the_recorder_with_one_line(
-    stand, tmp_path, exists, more, reason
-) -> None:
-    bag = tmp_path / 'bag'
-    if exists:
-        bag.mkdir()
-    assert stand.record(bag, *more).wait(END_SEC) == 2
-    assert re.fullmatch(reason, stand.output(bag))
-    assert bag.exists() == exists
 
 
 @pytest.fixture
