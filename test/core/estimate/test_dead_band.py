@@ -264,10 +264,14 @@ def test_a_base_that_does_not_drive_slowly_is_not_taken_to_turn_slowly_either() 
 def test_pulses_that_lead_nowhere_between_two_stands_raise_the_dead_band(
     gone: float, error: float, raised: bool
 ) -> None:
-    band = DeadBand(linear=Threshold(0.02))
-    after = band.after_move(4e-3, gone, error, DT, SETTINGS)
+    band = DeadBand(linear=Threshold(0.02), angular=Threshold(0.03))
+    after, turned = (
+        judge(4e-3, gone, error, DT, SETTINGS) for judge in (band.after_move, band.after_turn)
+    )
     assert (after.linear.value == pytest.approx(MARGIN * 0.02)) is raised
-    assert raised or after is band
+    assert (turned.angular.value == pytest.approx(MARGIN * 0.03)) is raised
+    assert (after.angular, turned.linear) == (band.angular, band.linear)
+    assert raised or after == turned == band
     wide = DeadBand(linear=Threshold(0.09)).after_move(4e-3, gone, error, DT, SETTINGS)
     assert 0.09 <= wide.linear.value <= 0.1
 

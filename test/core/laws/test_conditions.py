@@ -113,8 +113,10 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     vague = replace(exact, difference_deviation=1e-3)  # a hop is no finer than a look
     assert matched_bound(vague, banded) == pytest.approx(1e-3)
     free = replace(banded, dead_band_linear=0.0)
-    waits = [matched_bound(vague, free, slowly._replace(time_in_tolerance=s)) for s in (1, 3, 60)]
-    assert waits == pytest.approx([2e-3, 3e-3, 4e-3])  # for long it is noise, up to what that is
+    late = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
+    for name in ('time_in_tolerance', 'time_at_goal'):
+        waits = [matched_bound(vague, free, late._replace(**{name: s})) for s in (1, 3, 60)]
+        assert waits == pytest.approx([2e-3, 3e-3, 4e-3])  # for long it is noise, up to that
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
     impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)

@@ -105,6 +105,26 @@ def test_a_train_of_pulses_after_which_the_robot_stands_as_before_shows_a_dead_b
     assert (state.identified.dead_band.linear.value > 0.03) is raised
 
 
+@pytest.mark.parametrize(('turned', 'raised'), [(0.0, True), (0.5, False)])
+def test_a_turn_after_which_the_heading_is_as_before_shows_a_dead_band(
+    turned: float, raised: bool
+) -> None:
+    state = seeing(stood([1e-3] * 8), dead_band=DeadBand(angular=Threshold(0.03)))
+    sent, first = state.motion.sent, 1 + SEEN + 8
+    for frame in range(first, first + 3 + SEEN + BANDED.arrival_frames):
+        seen = replace(state.settling.stood or state.measurement, stamp_ns=frame * FRAME_NS)
+        seen = replace(seen, heading_error=turned * 3 * 0.03 * 0.1 * (frame > first + 3))
+        state = settle(seeing(state, measurement=seen, sent=sent), None, None, 0.1, BANDED)
+        sent = sent.after(frame * FRAME_NS, Twist(0.0, 0.03 * (frame < first + 3)))
+    assert (state.identified.dead_band.angular.value > 0.03) is raised
+
+
+def test_time_at_the_goal_is_that_within_20_mm() -> None:
+    assert stood([1.9e-3] * 8).settling.time_at_goal == pytest.approx(0.8)
+    assert stood([2.1e-3] * 8).settling.time_at_goal == 0.0
+    assert stood([1.9e-3] * 8 + [2.1e-3]).settling.time_at_goal == 0.0
+
+
 def test_what_varies_at_rest_is_the_error_of_its_mean() -> None:
     state = stood([1e-3, -1e-3] * 4)
     assert state.settling.rested == 8

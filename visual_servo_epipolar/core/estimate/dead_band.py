@@ -113,6 +113,12 @@ class Threshold:
         tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
         return after._judged(position, dt, most) if enough and has_acted and tells else after
 
+    def after_pulses(self, way: float, gone: float, error: float, most: float) -> 'Threshold':
+        """Return the threshold, wider if the base has not ``gone`` the ``way`` of its pulses."""
+        if gone >= OF_PULSES * way or abs(gone) + ERRORS * error >= STANDING * way:
+            return self  # it moved, or was pushed back
+        return replace(self, value=max(self.value, min(MARGIN * self.value, most)))
+
     @property
     def drives(self) -> bool:
         """Whether the robot was to drive meanwhile, farther than slow turns lead."""
@@ -209,11 +215,15 @@ class DeadBand:
 
         ``error`` is that of the positions between which it went [m].
         """
-        if gone >= OF_PULSES * way or abs(gone) + ERRORS * error >= STANDING * way:
-            return self  # it moved, or was pushed back
         most, _ = _most(settings, dt)
-        value = max(self.linear.value, min(MARGIN * self.linear.value, most))
-        return replace(self, linear=replace(self.linear, value=value))
+        return replace(self, linear=self.linear.after_pulses(way, gone, error, most))
+
+    def after_turn(
+        self, way: float, gone: float, error: float, dt: float, settings: DriveSettings
+    ) -> 'DeadBand':
+        """Return the dead band after pulses for a turn, likewise [rad]."""
+        _, most = _most(settings, dt)
+        return replace(self, angular=self.angular.after_pulses(way, gone, error, most))
 
     def assumed(self, dt: float, settings: DriveSettings) -> 'DeadBand':
         """Return the dead band, a small one at least: slower motions lead back and forth."""

@@ -36,11 +36,12 @@ ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
 
 
 class Trial(NamedTuple):
-    """Time within the usual bounds by now, that from one command to the next, its jitter [s]."""
+    """Time within the usual bounds, from command to command, its jitter, and at the goal [s]."""
 
     time_in_tolerance: float = 0.0
     frame_s: float = USUAL_STEP_S
     jitter_s: float = 0.0
+    time_at_goal: float = 0.0
 
 
 FIRST = Trial()
@@ -51,7 +52,7 @@ def trial_of(goal: GoalEstimate, memory: Memory, *, spent: bool = False) -> Tria
     tried = memory.settling.time_in_tolerance
     if spent:
         tried = max(tried, math.nextafter(PATIENCE_S, math.inf))
-    return Trial(tried, usual_step(goal.period), jitter_s=goal.jitter)
+    return Trial(tried, usual_step(goal.period), goal.jitter, memory.settling.time_at_goal)
 
 
 def engage_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
@@ -142,7 +143,8 @@ def _growth(trial: Trial) -> float:
 
     What keeps it from ending is noise of which no deviation tells, or hops longer than commanded.
     """
-    return min(max(1.0, trial.time_in_tolerance / WEARY_S), SURE_DEVIATIONS / NOISE_DEVIATIONS)
+    tried = max(trial.time_in_tolerance, trial.time_at_goal)
+    return min(max(1.0, tried / WEARY_S), SURE_DEVIATIONS / NOISE_DEVIATIONS)
 
 
 def _deviation(goal: GoalEstimate) -> float:

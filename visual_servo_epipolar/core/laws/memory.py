@@ -78,10 +78,11 @@ class Settling:
     before the last move, None before the first; ``settled``, frames in a row that fulfil it;
     ``settled_parallax``, the root mean square of the parallax over them [rad]; ``settled_aside``,
     the mean by which they look aside before a wall, in deviations, where there is no map;
-    ``time_in_tolerance``, for how long the robot has been so near its aim, or has stood so near
-    the goal, that its base may be unable to come nearer [s]; ``swing_s``, the time between two
-    reversals of a robot that goes back and forth near its aim, 0 where it does not [s], and
-    ``scatter``, the deviation of D over the last stand of such a one.
+    ``time_in_tolerance``, for how long the robot has been so near its aim that its base may be
+    unable to come nearer [s]; ``time_at_goal``, for how long it has been within 20 mm of the goal
+    by its memory [s]; ``swing_s``, the time between two reversals of a robot that goes back and
+    forth near its aim, 0 where it does not [s], and ``scatter``, the deviation of D over the last
+    stand of such a one.
     """
 
     rest: GoalEstimate | None = None
@@ -92,6 +93,7 @@ class Settling:
     settled_parallax: float = math.nan
     settled_aside: float = 0.0
     time_in_tolerance: float = 0.0
+    time_at_goal: float = 0.0
     swing_s: float = 0.0
     scatter: float = 0.0
 

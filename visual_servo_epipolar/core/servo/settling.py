@@ -9,6 +9,7 @@ first leads away by one, where that ends nearer. A base that goes back and forth
 the body nods or the lens breathes, ends in the same way.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
 from typing import Any, NamedTuple
@@ -73,10 +74,11 @@ def is_close(state: ServoState, settings: ServoSettings) -> bool:
     return goal is not None and row_of(state, settings).is_close(goal, state, settings)
 
 
-def _stands_at_goal(state: ServoState) -> bool:
-    """Return whether the robot stands so near the goal that it is to end soon."""
-    rest = state.settling.rest
-    return rest is not None and rest.offset is not None and math.hypot(*rest.offset) <= AT_GOAL_M
+def _time_at_goal(state: ServoState, dt: float) -> float:
+    """Return for how long the robot has been so near the goal that it is to end soon [s]."""
+    goal = state.measurement
+    near = goal and goal.offset is not None and math.hypot(*goal.offset) <= AT_GOAL_M
+    return state.settling.time_at_goal + dt if near else 0.0
 
 
 def settle(
@@ -92,7 +94,8 @@ def settle(
     if not (state.phase.drives and dt):  # it may have been moved, and commands be withdrawn
         state = state.changed(stood=None)
     state = _with_dead_band_of_move(state, settings)
-    if is_close(state, settings) or _stands_at_goal(state):
+    state = state.changed(time_at_goal=_time_at_goal(state, dt))
+    if is_close(state, settings):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     measurement = state.measurement
     if measurement is None or not is_settled(state, settings):
@@ -233,18 +236,16 @@ def _may_end(state: ServoState, settings: ServoSettings) -> bool:
 
 
 def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with the dead band that the last move along the axis shows, if any."""
+    """Return ``state`` with the dead bands that the last move shows, if any."""
     seen, band = state.settling.rest, state.identified.dead_band
     if seen is None or state.settling.rested != settings.arrival_frames:
         return state
-    slope = _slope(seen, state)
-    move = _last_move(seen, slope, state) if slope > 0.0 else None
-    if move is None or not band.linear.value:
-        return state
-    moved = band.after_move(
-        move.way, move.gone, _mean_error(state, slope), state.view.period, settings
-    )
-    return state.changed(dead_band=moved)
+    period, slope = state.view.period, _slope(seen, state)
+    if (move := _last_move(seen, slope, state)) is not None:
+        band = band.after_move(move.way, move.gone, _mean_error(state, slope), period, settings)
+    if (turn := _last_turn(seen, state)) is not None:
+        band = band.after_turn(turn.way, turn.gone, seen.heading_deviation, period, settings)
+    return state.changed(dead_band=band)
 
 
 def seen_after(settings: ServoSettings) -> float:
@@ -430,7 +431,7 @@ def _pulses(way: float, aim: Aim, frame_s: float, most: float) -> float:
 
 
 class Move(NamedTuple):
-    """Move between two stands: its ``way`` as sent, what was ``gone`` of it [m], and how long."""
+    """Move between two stands: its ``way`` as sent, what was ``gone`` of it, and how long [s]."""
 
     way: float
     gone: float
@@ -438,20 +439,41 @@ class Move(NamedTuple):
 
 
 def _last_move(seen: GoalEstimate, slope: float, state: ServoState) -> Move | None:
-    """Return the move along the axis from where the robot stood last to where it is ``seen``."""
-    stood, sent = state.settling.stood, state.motion.sent
-    if stood is None or not sent.stamps or sent.stamps[0] > stood.stamp_ns:
+    """Return the last move along the axis [m], which led to what is ``seen``."""
+    stood = state.settling.stood
+    if stood is None or not slope > 0.0:
         return None
-    spans = [
-        (span, twist.linear)
-        for span, twist in sent.acting(stood.stamp_ns, seen.stamp_ns, 0.0)
-        if twist.linear
-    ]
+    change = (seen.difference - stood.difference) / slope
+    return _sent_since(stood, seen, change, state, lambda twist: twist.linear)
+
+
+def _last_turn(seen: GoalEstimate, state: ServoState) -> Move | None:
+    """Return the last move that was a turn [rad], likewise."""
+    stood = state.settling.stood
+    if stood is None or seen.offset is None:
+        return None
+    change = math.remainder(seen.heading_error - stood.heading_error, 2.0 * math.pi)
+    return _sent_since(stood, seen, change, state, lambda twist: twist.angular)
+
+
+def _sent_since(
+    stood: GoalEstimate,
+    seen: GoalEstimate,
+    change: float,
+    state: ServoState,
+    part: Callable[[Twist], float],
+) -> Move | None:
+    """Return the move by ``change`` from one stand to the next; None if none, or to and fro."""
+    sent = state.motion.sent
+    if not sent.stamps or sent.stamps[0] > stood.stamp_ns:
+        return None
+    acting = sent.acting(stood.stamp_ns, seen.stamp_ns, 0.0)
+    spans = [(span, part(twist)) for span, twist in acting if part(twist)]
     way = math.fsum(span * speed for span, speed in spans)
-    if not way or min(way * speed for _, speed in spans) < 0.0:  # none, or back and forth
+    if not way or min(way * speed for _, speed in spans) < 0.0:
         return None
-    gone = math.copysign(1.0, way) * (seen.difference - stood.difference) / slope
-    return Move(abs(way), gone, math.fsum(span for span, _ in spans))
+    lasted = math.fsum(span for span, _ in spans)
+    return Move(abs(way), math.copysign(1.0, way) * change, lasted)
 
 
 def _acceleration(
