@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from strategies import CAMERA, poses_behind_the_goal
+from strategies import CAMERA, fundamental_from_pose, poses_behind_the_goal
 
-from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose, sampson_distance
+from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
 from visual_servo_epipolar.core.geometry.motion import (
     DESIRED_POSE,
     HALF_PI,

@@ -7,7 +7,11 @@ from hypothesis import strategies as st
 import numpy as np
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.epipolar import (
+    Bearings,
+    fundamental_from_bearings,
+    in_pixels,
+)
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, unit_rays
 
@@ -69,6 +73,11 @@ def seen_from(pose: Pose, points: np.ndarray) -> np.ndarray:
     forward = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
     moved = points - [pose.x, 0.0, pose.y]
     return np.column_stack([moved @ right, moved[:, 1], moved @ forward])
+
+
+def fundamental_from_pose(matrix: np.ndarray, pose: Pose) -> np.ndarray:
+    """Return F of the view from ``pose`` and of the desired view in pixels (eq. 3)."""
+    return in_pixels(fundamental_from_bearings(Bearings.from_pose(pose)), matrix, matrix)
 
 
 def room() -> np.ndarray:

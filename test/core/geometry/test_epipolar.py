@@ -12,6 +12,7 @@ from strategies import (
     blurred,
     CAMERA,
     floats,
+    fundamental_from_pose,
     matches,
     panorama,
     poses,
@@ -29,7 +30,6 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     cross_matrix,
     epipoles,
     fundamental_from_bearings,
-    fundamental_from_pose,
     rotation_desired_current,
     sampson_distance,
 )

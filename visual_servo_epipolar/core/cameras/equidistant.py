@@ -13,9 +13,8 @@ COEFFICIENTS = (0, 4)
 WIDEST = math.radians(170.0)  # from the axis: no lens sees farther, and directions end at 180
 WIDE = math.radians(55.0)  # off the axis: the corners of usual pinholes are nearer to it
 LEAST_SLOPE = 0.02  # of the radius by the angle: where it is less, a pixel tells no direction
-ANGLES = 4096  # tried for where the slope ends
-ITERATIONS = 60  # bisection alone would do with
-TOLERANCE = 1e-14  # of the angle [rad]
+ANGLES = 4096  # of a table, and tried for where the slope ends
+NEWTON_STEPS = 3  # from the table to the last bit
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,20 +120,20 @@ def _reach(distortion: tuple[float, ...]) -> float:
 
 
 def _angle(radius: FloatArray, distortion: tuple[float, ...], reach: float) -> FloatArray:
-    """Invert theta_d = ``radius`` by Newton's method in brackets; nan beyond the ``reach``."""
-    seen = radius <= _radius(np.array([reach]), distortion)[0]
-    low, high = np.zeros_like(radius), np.full_like(radius, reach)
-    theta = np.minimum(radius, reach)
-    for _ in range(ITERATIONS if any(distortion) else 0):
-        error = _radius(theta, distortion) - radius
-        low, high = np.where(error < 0.0, theta, low), np.where(error > 0.0, theta, high)
-        after = theta - error / _slope(theta, distortion)
-        after = np.where((after >= low) & (after <= high), after, 0.5 * (low + high))
-        change = np.abs(after - theta)
-        theta = after
-        if (change[seen] <= TOLERANCE).all():
-            break
-    return np.where(seen, theta, np.nan)
+    """Invert theta_d = ``radius``: by a table, then Newton's method; nan beyond the ``reach``."""
+    angles, radii = _table(distortion, reach)
+    within = np.minimum(radius, radii[-1])
+    theta = np.interp(within, radii, angles) if any(distortion) else within
+    for _ in range(NEWTON_STEPS if any(distortion) else 0):
+        theta = theta - (_radius(theta, distortion) - within) / _slope(theta, distortion)
+    return np.where(radius <= radii[-1], theta, np.nan)
+
+
+@lru_cache(maxsize=16)
+def _table(distortion: tuple[float, ...], reach: float) -> tuple[FloatArray, FloatArray]:
+    """Return angles from the axis to the ``reach`` [rad], and their radii."""
+    angles = np.linspace(0.0, reach, ANGLES)
+    return angles, _radius(angles, distortion)
 
 
 @lru_cache(maxsize=16)

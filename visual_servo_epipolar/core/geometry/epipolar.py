@@ -117,16 +117,6 @@ def in_pixels(
     )
 
 
-def fundamental_from_pose(matrix: FloatArray, pose: Pose) -> FloatArray:
-    """
-    Return F of the view from ``pose`` and of the desired view, shape (3, 3), in pixels.
-
-    p_desired^T F p_current = 0 (eq. 3), F = K^-T [t]x R K^-1 with t the current centre in desired
-    axes and R current -> desired, which is the reading that makes section II consistent.
-    """
-    return in_pixels(fundamental_from_bearings(Bearings.from_pose(pose)), matrix, matrix)
-
-
 def epipoles(fundamental: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     Return the epipoles of the current and of the desired image.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray, median
+from visual_servo_epipolar.core.arrays import FloatArray, frozen, median
 from visual_servo_epipolar.core.geometry.least_squares import (
     cauchy,
     deviation_of,
@@ -55,15 +55,6 @@ def base_axes(tilt: float, roll: float, yaw: float) -> BaseAxes:
     """Return the axes of the base in those of a camera at these angles [rad]."""
     level = rotation_level_camera(tilt, roll)
     return BaseAxes(np.array([math.sin(yaw), 0.0, math.cos(yaw)]) @ level, -level[1])
-
-
-class RowView(NamedTuple):
-    """Uncorrected rays, shape (N, 3), of features by ``ids``, and their ``rows``, (N,)."""
-
-    stamp_ns: int
-    ids: IntArray
-    rays: FloatArray
-    rows: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,16 +100,16 @@ class RollingShutter:
 
     ``information``, (3, 3), and ``weighted``, (3,), are those of the readout [s], of the shear per
     turn [1], and of the shear of the ``reference`` [rad], a view with its turn rate, at rest.
-    ``rate`` is the turn rate, and ``up`` what it turns about, in axes of the camera; ``period``
-    the mean time between two images [s], of so many ``intervals``; ``first`` the first view of
-    them, whose rate is still unknown.
+    Views are as they were read, row by row. ``rate`` is the turn rate, and ``up`` what it turns
+    about, in axes of the camera; ``period`` the mean time between two images [s], of so many
+    ``intervals``; ``first`` the first view of them, whose rate is still unknown.
     """
 
     information: FloatArray = field(default_factory=lambda: PRIOR)
     weighted: FloatArray = field(default_factory=lambda: NOTHING)
-    reference: tuple[RowView, float] | None = None
-    first: RowView | None = None
-    last: RowView | None = None
+    reference: tuple[Observation, float] | None = None
+    first: Observation | None = None
+    last: Observation | None = None
     rate: TurnRate = TurnRate()
     up: FloatArray = field(default_factory=lambda: NOTHING)
     period: float = math.nan
@@ -153,26 +144,25 @@ class RollingShutter:
         """Return the estimate after an image; ``configured`` is the readout as it was [s]."""
         if observation.rows is None or observation.ids is None:
             return self._anew(None)
-        now = RowView(observation.stamp_ns, observation.ids, observation.current, observation.rows)
         last = self.last
-        if last is None or now.stamp_ns <= last.stamp_ns:
-            return replace(self._anew(now), period=math.nan, intervals=0)
-        seconds = seconds_between(last.stamp_ns, now.stamp_ns)
+        if last is None or observation.stamp_ns <= last.stamp_ns:
+            return replace(self._anew(observation), period=math.nan, intervals=0)
+        seconds = seconds_between(last.stamp_ns, observation.stamp_ns)
         after = self._timed(seconds)
-        pair = _pair(last, now, axes.up)
+        pair = RowPair.of(last, observation, axes.up)
         if pair is None:
-            return after._anew(now)
+            return after._anew(observation)
         mean = pair.turn / (after.period * max(1, round(seconds / after.period)))
         if not math.isnan(self.rate.mean):
             after = after._compared_last(last, mean, axes)
         rate, readout = self.rate.followed_by(mean), self.readout(configured)
-        if readout != 0.0:
-            shear = sheared(pair, axes)
-            if shear is not None:
-                rate = rate.seen_in_rows(shear.value / readout, (shear.deviation / readout) ** 2)
-        return replace(after, last=now, rate=rate, up=axes.up)
+        shear = pair.shear(axes) if readout != 0.0 else None
+        if shear is not None:
+            value, deviation = shear
+            rate = rate.seen_in_rows(value / readout, (deviation / readout) ** 2)
+        return replace(after, last=observation, rate=rate, up=axes.up)
 
-    def _anew(self, view: RowView | None) -> 'RollingShutter':
+    def _anew(self, view: Observation | None) -> 'RollingShutter':
         """Return the estimate where nothing is known of the motion before a ``view``."""
         return replace(self, first=view, last=view, rate=TurnRate())
 
@@ -184,7 +174,7 @@ class RollingShutter:
         weight = max(1.0 / count, PERIOD_WEIGHT)
         return replace(self, period=self.period + weight * (gap - self.period), intervals=count)
 
-    def _compared_last(self, last: RowView, mean: float, axes: BaseAxes) -> 'RollingShutter':
+    def _compared_last(self, last: Observation, mean: float, axes: BaseAxes) -> 'RollingShutter':
         """Return the estimate after the last view, which a turn at a ``mean`` rate followed."""
         rate, after = self.rate, self
         middle, jump = 0.5 * (rate.mean + mean), abs(mean - rate.mean)
@@ -195,7 +185,7 @@ class RollingShutter:
         return replace(after._compared(last, middle, jump, axes), first=None)
 
     def _compared(
-        self, view: RowView, rate: float, jump: float, axes: BaseAxes
+        self, view: Observation, rate: float, jump: float, axes: BaseAxes
     ) -> 'RollingShutter':
         """
         Return the estimate after a ``view`` at which the base turned at ``rate`` [rad/s].
@@ -209,19 +199,20 @@ class RollingShutter:
         reference, at_rest = self.reference
         if seconds_between(reference.stamp_ns, view.stamp_ns) > LONGEST_S:
             return self
-        pair = _pair(reference, view, axes.up)
-        shear = None if pair is None else sheared(pair, axes)
+        pair = RowPair.of(reference, view, axes.up)
+        shear = pair and pair.shear(axes)
         if pair is None or shear is None:
             return self
+        value, deviation = shear
         unsure = JERKY * jump * max(abs(self.estimate[0]), TYPICAL_S)
         slope = np.array([rate - at_rest, pair.turn, 1.0])
-        weight = 1.0 / (shear.deviation**2 + unsure**2)
+        weight = 1.0 / (deviation**2 + unsure**2)
         of_reference = 0.0 if self.information[2, 2] > 0.0 else weight
         known = self.information + np.diag([0.0, 0.0, of_reference])
         return replace(
             self,
             information=known + weight * np.outer(slope, slope),
-            weighted=self.weighted + weight * shear.value * slope,
+            weighted=self.weighted + weight * value * slope,
         )
 
     def _without_reference(self) -> 'RollingShutter':
@@ -252,47 +243,41 @@ class RowPair(NamedTuple):
     turn: float
     parallax: float
 
+    @classmethod
+    def of(cls, before: Observation, now: Observation, up: FloatArray) -> 'RowPair | None':
+        """Return what both views show; None if that are too few features."""
+        if before.ids is None or now.ids is None or now.rows is None:
+            return None
+        _, there, here = np.intersect1d(before.ids, now.ids, return_indices=True)
+        if len(here) < FEWEST:
+            return None
+        source, rays = before.current[there], now.current[here]
+        fit = fit_rotation(source, rays)
+        turn = -float(rotation_vector(fit.rotation) @ up)
+        return cls(source, rays, now.rows[here], fit.rotation, turn, fit.parallax)
 
-def _pair(before: RowView, now: RowView, up: FloatArray) -> RowPair | None:
-    """Return what both views show; None if that are too few features."""
-    _, there, here = np.intersect1d(before.ids, now.ids, return_indices=True)
-    if len(here) < FEWEST:
-        return None
-    source, rays = before.rays[there], now.rays[here]
-    fit = fit_rotation(source, rays)
-    turn = -float(rotation_vector(fit.rotation) @ up)
-    return RowPair(source, rays, now.rows[here], fit.rotation, turn, fit.parallax)
+    def shear(self, axes: BaseAxes) -> tuple[float, float] | None:
+        """
+        Return the shear from the first row to the last, and its deviation [rad].
 
-
-class Shear(NamedTuple):
-    """Shear of an image from the first row to the last, and its deviation [rad]."""
-
-    value: float
-    deviation: float
-
-
-def sheared(pair: RowPair, axes: BaseAxes) -> Shear | None:
-    """
-    Return the shear that a turn of the base and its way ahead do not explain.
-
-    None where the features lie so close together that a turn and a shear look alike.
-
-    A ray r of row y, from the middle, is moved by turn x r + s y (r x up) + parallax; across the
-    plane of r and the direction of travel there is no parallax. By robust least squares.
-    """
-    rays = pair.rays
-    travel = rotated(axes.ahead, -0.5 * pair.turn * axes.up)  # as the chord of an arc
-    across = np.cross(travel, rays)
-    across /= np.maximum(np.sqrt(dot(across, across)), LEAST_SINE)[:, None]
-    shift = dot(across, rays - pair.source @ pair.rotation.T)
-    # across . (turn x r) = turn . (r x across)
-    moved = dot(across, np.cross(rays, axes.up) * pair.rows[:, None])
-    columns = np.column_stack([np.cross(rays, across), moved])
-    fit = robust_fit(columns, shift, _weights, REWEIGHTINGS)
-    if fit is None:
-        return None
-    deviation = _noise(fit.residual) * math.sqrt(fit.covariance()[3, 3])
-    return Shear(float(fit.solution[3]), math.hypot(deviation, ASIDE * pair.parallax))
+        It is what a turn of the base and its way ahead do not explain; None where the features lie
+        so close together that a turn and a shear look alike. A ray r of row y, from the middle, is
+        moved by turn x r + s y (r x up) + parallax; across the plane of r and the direction of
+        travel there is no parallax. By robust least squares.
+        """
+        rays = self.rays
+        travel = rotated(axes.ahead, -0.5 * self.turn * axes.up)  # as the chord of an arc
+        across = np.cross(travel, rays)
+        across /= np.maximum(np.sqrt(dot(across, across)), LEAST_SINE)[:, None]
+        shift = dot(across, rays - self.source @ self.rotation.T)
+        # across . (turn x r) = turn . (r x across)
+        moved = dot(across, np.cross(rays, axes.up) * self.rows[:, None])
+        columns = np.column_stack([np.cross(rays, across), moved])
+        fit = robust_fit(columns, shift, _weights, REWEIGHTINGS)
+        if fit is None:
+            return None
+        deviation = _noise(fit.residual) * math.sqrt(fit.covariance()[3, 3])
+        return float(fit.solution[3]), math.hypot(deviation, ASIDE * self.parallax)
 
 
 def _noise(misses: FloatArray) -> float:
