@@ -210,9 +210,6 @@ class Confirmation(NamedTuple):
     features: Features
 
 
-FAR = Confirmation(math.inf, np.empty((0, 0), np.uint8), Features())
-
-
 class Follower:
     """
     Follows a route from ``way`` [m] and key view ``view`` on, to ``target``: a step an image.
@@ -331,10 +328,11 @@ class Follower:
     def _confirm(self, image: Image, found: PathMeasurement) -> None:
         """Remember an image that was taken where the key view ahead was."""
         away = abs(self.estimate.way - self.route.views[self.view].way)
-        is_full = len(self.confirmed) >= MOST_CONFIRMED and self.view not in self.confirmed
+        before = self.confirmed.get(self.view)
+        is_full = len(self.confirmed) >= MOST_CONFIRMED and before is None
         if not self.settings.renewals or is_full or found.inliers < LEAST_CONFIRMED:
             return
-        if away < min(CONFIRMED_NEAR, self.confirmed.get(self.view, FAR).away):
+        if away < (CONFIRMED_NEAR if before is None else before.away):
             features = self._tracker(self.view).features
             self.confirmed[self.view] = Confirmation(away, image, features)
 

@@ -63,11 +63,6 @@ class TaughtPath:
         slopes = np.gradient(self.poses[:, :2], self.way, axis=0)
         return np.asarray(slopes / np.linalg.norm(slopes, axis=1, keepdims=True))
 
-    @property
-    def normals(self) -> FloatArray:
-        """Unit vectors to the left of the way, (M, 2)."""
-        return np.stack([-self._tangents[:, 1], self._tangents[:, 0]], axis=1)
-
     def followed_by(self, path: 'TaughtPath') -> 'TaughtPath':
         """Return this path and then another one, in the same axes."""
         columns = [(getattr(self, it.name), getattr(path, it.name)) for it in fields(self)]
