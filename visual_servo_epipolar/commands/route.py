@@ -146,6 +146,7 @@ def _judged(
     taught: 'Taught', logs: 'list[RepeatLog]', folder: Path, max_turn_rate: float
 ) -> dict[str, Any]:
     offsets = np.abs(np.concatenate([log.offsets for log in logs]))
+    p95, largest = np.percentile(offsets, [95.0, 100.0]) if len(offsets) else (math.nan, math.nan)
     failed = [log for log in logs if log.outcome != 'arrived']
     return {
         'outcome': 'failed' if failed else 'arrived',
@@ -155,7 +156,9 @@ def _judged(
         'wrong': sum(log.is_wrong for log in logs),
         **summary_of(taught.route, folder),
         'duration_s': logs[0].duration_s,
-        **_lateral(offsets),
+        'lateral_rms_m': _rms(offsets),
+        'lateral_p95_m': float(p95),
+        'lateral_max_m': float(largest),
         'max_turn_jump': max(log.turn_jump(max_turn_rate) for log in logs),
         'stations': [
             {
@@ -165,30 +168,7 @@ def _judged(
             for log in logs
         ],
         'laps': [{'lateral_rms_m': _rms(lap)} for log in logs for lap in log.laps()],
-        'each': [_row(log, max_turn_rate) for log in logs],
-    }
-
-
-def _row(log: 'RepeatLog', max_turn_rate: float) -> dict[str, Any]:
-    """Return what one repetition was like."""
-    return {
-        'outcome': log.outcome,
-        'reason': log.reason,
-        'wrong': log.is_wrong,
-        **_lateral(np.abs(log.offsets)),
-        'max_turn_jump': log.turn_jump(max_turn_rate),
-        'duration_s': log.duration_s,
-        'path_length_m': log.length,
-        'standstills': log.standstills,
-    }
-
-
-def _lateral(offsets: FloatArray) -> dict[str, float]:
-    p95, largest = np.percentile(offsets, [95.0, 100.0]) if len(offsets) else (math.nan, math.nan)
-    return {
-        'lateral_rms_m': _rms(offsets),
-        'lateral_p95_m': float(p95),
-        'lateral_max_m': float(largest),
+        'standstills': max(log.standstills for log in logs),
     }
 
 
@@ -204,12 +184,11 @@ def _rms(values: FloatArray) -> float:
 def _report(result: dict[str, Any], out: str) -> str:
     stations = [1e3 * each['position_error_m'] for each in result['stations']]
     headings = [abs(each['heading_error_deg']) for each in result['stations']]
-    standstills = [each['standstills'] for each in result['each']]
     reason = f': {result["reason"]}' if result['reason'] else ''
     return '\n'.join(
         [
             f'{result["arrived"]} of {result["runs"]} arrived{reason}',
-            f'{result["wrong"]} silently wrong; {max(standstills)} standstills at most',
+            f'{result["wrong"]} silently wrong; {result["standstills"]} standstills at most',
             _sentence(result),
             f'off the taught way: {1e3 * result["lateral_rms_m"]:.2f} mm rms, p95 '
             f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
