@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     MOTION_PARAMETERS,
 )
 from visual_servo_epipolar.core.geometry.least_squares import (
+    deviation_of,
     Equations,
     least_squares,
     likeliest_noise,
@@ -34,7 +35,7 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
-from visual_servo_epipolar.core.twoview.hypotheses import INLIER_DEVIATIONS, Rays, rays_of, WORST
+from visual_servo_epipolar.core.twoview.hypotheses import Rays, rays_of, WORST
 from visual_servo_epipolar.core.twoview.planar_motion import DEPTH_DEVIATIONS
 from visual_servo_epipolar.core.twoview.refinement import (
     LARGEST_STEP,
@@ -46,8 +47,7 @@ from visual_servo_epipolar.core.twoview.refinement import (
 
 WIDTHS = np.array([4.0, 3.0, 2.0, 1.5, 1.2, *[1.0] * 5])  # of the noise, step by step
 FIRST_SCALE, LEAST_SCALE = 0.5, 0.15  # noise [px] that is begun with, and at least believed
-MODES, APART = 12, 0.01  # refined motions that are kept, and between them: of R, and of t [rad]
-MEDIAN = 0.6612  # of |x| of a normal x cut off at INLIER_DEVIATIONS
+BETTER = 6  # motions around the best one that are tried for a better one
 NEAR_EPIPOLE = 1e-3  # sine of the angle from it within which depths have no sign
 AXES = cross_matrix(np.eye(3))  # of the three turns
 RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the best direction
@@ -182,18 +182,6 @@ class GeneralFit(NamedTuple):
 
         return least_squares(motions, linearise, moved, len(widths))[0]
 
-    def of_different(self, motions: Motions) -> 'GeneralFit':
-        """Return the fit of different motions, MODES at most, each with the better twin."""
-        motions = motions.twins
-        costs = self.losses(motions).sum(axis=1)
-        both = np.concatenate([motions.rotation.reshape(-1, 9), motions.baseline], axis=1)
-        chosen: list[int] = []
-        for place in costs.argsort(kind='stable').tolist():
-            apart = np.abs(both[chosen] - both[place]).max(axis=1) > APART
-            if len(chosen) < MODES and apart.all():
-                chosen.append(place)
-        return self._replace(motions=motions.take(chosen))
-
     def settled(self) -> 'GeneralFit':
         """Return the fit after steps at a ``scale`` that follows the residuals of the best."""
         fit = self
@@ -201,8 +189,18 @@ class GeneralFit(NamedTuple):
             fit = fit._replace(motions=fit.refined(fit.motions, np.array([width])))
             losses = fit.losses(fit.motions)
             best = losses[losses.sum(axis=1).argmin()]
-            fit = fit._replace(scale=_scale_of(fit.scale * np.sqrt(best[best < WORST]), fit.scale))
-        return fit.of_different(fit.motions)
+            within = fit.scale * np.sqrt(best[best < WORST])
+            if len(within) > MOTION_PARAMETERS:
+                noise = deviation_of(float(np.median(within)), len(within) - MOTION_PARAMETERS)
+                fit = fit._replace(scale=max(noise, LEAST_SCALE))
+        return fit.sorted()
+
+    def sorted(self) -> 'GeneralFit':
+        """Return the fit with the better twin of each motion, the best one first."""
+        twins, count = self.motions.twins, len(self.motions.baseline)
+        costs = self.losses(twins).sum(axis=1).reshape(4, count)
+        better = costs.argmin(axis=0) * count + np.arange(count)
+        return self._replace(motions=twins.take(better[costs.min(axis=0).argsort()]))
 
 
 def general_motion(rays: Rays) -> GeneralFit:
@@ -223,7 +221,7 @@ def general_motion(rays: Rays) -> GeneralFit:
     rotation = fit_rotation(rays.current, rays.desired).rotation
     starts = by_usac.joined(_in_any_direction(rotation))
     fit = GeneralFit(rays, table_of(rays), starts, FIRST_SCALE)
-    return fit.of_different(fit.refined(fit.motions, 2.0 * WIDTHS)).settled()
+    return fit._replace(motions=fit.refined(starts, 2.0 * WIDTHS)).sorted().settled()
 
 
 def _in_any_direction(rotation: FloatArray) -> Motions:
@@ -231,17 +229,6 @@ def _in_any_direction(rotation: FloatArray) -> Motions:
     angles = np.linspace(0.0, np.pi, 4, endpoint=False)
     baseline = np.stack([np.sin(angles), np.zeros(4), np.cos(angles)], axis=1)
     return Motions(np.repeat(rotation[None], 4, axis=0), baseline)
-
-
-def _scale_of(distances: FloatArray, scale: float) -> float:
-    """Return the noise [px] of ``distances``, (N,), of which many are no noise: from ``scale``."""
-    for _ in range(4):
-        within = distances[distances <= INLIER_DEVIATIONS * scale]
-        if len(within) <= 5:
-            break
-        spare = len(within) / (len(within) - 5)
-        scale = max(float(np.median(within)) / MEDIAN * spare**0.5, LEAST_SCALE)
-    return scale
 
 
 def noise_of_small_baseline(
@@ -316,28 +303,26 @@ def spread_of(fit: GeneralFit, shared: float = 1.0) -> tuple[GeneralFit, Spread]
     around = _around(fit)
     costs = fit.losses(around).sum(axis=1)
     if costs.min() < fit.losses(fit.best).sum() - 0.5:  # of a match
-        better = fit.motions.joined(around.take(costs.argsort()[: MODES // 2]))
+        better = fit.motions.joined(around.take(costs.argsort()[:BETTER]))
         fit = fit._replace(motions=better).settled()
         around = _around(fit)
     rows = fit.rows(fit.best)[0]
     weight = fit.weight(rows[0])
-    pulls = np.asarray(rows[1:] * weight**2)
     information = Equations.of(rows * weight, RIDGE * np.eye(MOTION_PARAMETERS)).information
     inverse = np.asarray(np.linalg.inv(information))
-    parts = together(pulls * rows[0], inverse, fit.rays.desired)
-    meat = (pulls * rows[0]) @ (pulls * rows[0]).T
-    count = max(int((weight > 0.0).sum()), 6)
-    spare = max(shared, parts) * count / (count - MOTION_PARAMETERS)
-    tails = max(float(np.trace(inverse @ meat)) / (5 * fit.scale**2), 1.0) * spare
-    covariance = inverse @ (0.5 * spare * (meat + fit.scale**2 * information)) @ inverse
+    pulls = np.asarray(rows[1:] * rows[0] * weight**2)
+    shown = float((inverse * (pulls @ pulls.T)).sum()) / (MOTION_PARAMETERS * fit.scale**2)
+    parts = together(pulls, inverse, fit.rays.desired)
+    count = max(int((weight > 0.0).sum()), MOTION_PARAMETERS + 1)
+    tails = max(shown, 1.0) * max(shared, parts) * count / (count - MOTION_PARAMETERS)
     slopes = _bearing_slopes(fit.best)
-    noise = np.sqrt(np.diagonal(slopes @ covariance @ slopes.T))
+    of_pixel = np.sqrt(np.diagonal(slopes @ inverse @ slopes.T))  # by residuals of 1 px
+    noise = math.sqrt(tails) * fit.scale * of_pixel
     for motions, few in (around, 0.0), (fit.motions, FEW):
         noise = np.maximum(noise, _implied(motions, fit, tails, few))
     # Residuals of a size that conspire as far as they can: Cauchy and Schwarz.
     alike = SHARED_PX * min(LARGEST_PIXEL / float(fit.rays.mean_noise), 1.0) * math.sqrt(count)
-    camera = alike * np.sqrt(np.diagonal(slopes @ inverse @ slopes.T))
-    return fit, Spread(noise, camera, tails)
+    return fit, Spread(noise, alike * of_pixel, tails)
 
 
 def _around(fit: GeneralFit) -> Motions:

@@ -82,7 +82,6 @@ class Inspection:
     bearing_current: float = math.nan
     bearing_desired: float = math.nan
     rotation: float = math.nan
-    sigma: float = math.nan
     deviation: float = math.nan
     rotation_deviation: float = math.nan
     parallax_px: float = math.nan
@@ -94,6 +93,12 @@ class Inspection:
     current: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     desired: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     fundamental: FloatArray | None = None
+
+    @property
+    def sigma(self) -> float:
+        """Sign of cos(psi - theta): -1 while the goal camera lies ahead of the current one."""
+        ahead = math.cos(self.bearing_current)
+        return math.nan if math.isnan(ahead) else -math.copysign(1.0, ahead)
 
 
 def inspect(
@@ -116,26 +121,25 @@ def inspect(
         matches = _aligned(view, match(view, painted), painted)
     except TrackingError as error:
         return Inspection(False, str(error))
-    sides, usable = [], np.ones(len(matches), bool)
-    for camera, points in (current_camera, matches.current), (desired_camera, matches.desired):
-        pixels = canvas.pixels_of_image(points)
-        rays = camera.rays(pixels)
-        usable &= camera.round_trips(pixels, rays)
-        sides.append((pixels, rays, camera.resolution(rays)))
-    pixels_of, both, angles = (
-        [part[usable] for part in parts] for parts in zip(*sides, strict=True)
-    )
+    cameras = current_camera, desired_camera
+    pixels = [canvas.pixels_of_image(points) for points in (matches.current, matches.desired)]
+    rays = [camera.rays(points) for camera, points in zip(cameras, pixels, strict=True)]
+    usable = np.ones(len(matches), bool)
+    for camera, points, seen in zip(cameras, pixels, rays, strict=True):
+        usable &= camera.round_trips(points, seen)
+    pixels, rays = ([side[usable] for side in sides] for sides in (pixels, rays))
+    angles = [camera.resolution(seen) for camera, seen in zip(cameras, rays, strict=True)]
     observation = Observation(
         0,
-        both[0],
-        both[1],
+        rays[0],
+        rays[1],
         current_camera.focal,
         pixel_angles=np.stack(angles, axis=1),
         wide=current_camera.wide,
         shared=overlap(matches.current, painted.shape),
     )
     found, essential = judged(observation, settings)
-    found = replace(found, current=pixels_of[0], desired=pixels_of[1])
+    found = replace(found, current=pixels[0], desired=pixels[1])
     if found.trusted and (doubt := doubtful_tilt(current_camera, found.tilt)):
         found = replace(found, trusted=False, reason=doubt)
     if essential is None or current_camera.planar is None or desired_camera.planar is None:
@@ -217,7 +221,6 @@ def _with_general(
         bearing_current=current,
         bearing_desired=desired,
         rotation=rotation,
-        sigma=-math.copysign(1.0, math.cos(current)),
         deviation=float(spread.whole[:2].max()),
         rotation_deviation=float(spread.whole[2]),
         inliers=int(fit.inliers.sum()),
@@ -289,7 +292,6 @@ def _with_planar(general: Inspection, planar: Estimate, spread: Spread) -> Inspe
         bearing_current=bearings.current,
         bearing_desired=bearings.desired,
         rotation=bearings.heading_error,
-        sigma=bearings.sigma,
         deviation=deviation,
         rotation_deviation=float(deviations[2]),
         inliers=int(planar.inliers.sum()),
@@ -376,5 +378,5 @@ def _refused(found: Inspection, reason: str, heading: float) -> Inspection:
         found = replace(found, rotation=math.nan)
     if found.deviation > FAR or found.parallax_px < SAME_PLACE_PX:
         found = replace(found, bearing_current=math.nan, bearing_desired=math.nan)
-        found = replace(found, sigma=math.nan, inliers=0, tilt=math.nan, roll=math.nan)
+        found = replace(found, inliers=0, tilt=math.nan, roll=math.nan)
     return found
