@@ -76,18 +76,6 @@ def test_nothing_is_seen_behind_the_camera() -> None:
     assert len(world().observe(Pose(0.0, 0.0, -HALF_PI), 0)) == 0
 
 
-def test_a_robot_that_turns_left_sees_the_points_move_right() -> None:
-    features = world().observe(Pose(0.0, 0.0, HALF_PI + 0.05), 0)
-    assert (features.current[:, 0] > features.desired[:, 0]).all()
-
-
-def test_a_robot_that_backs_off_sees_the_points_draw_together() -> None:
-    features = world().observe(Pose(0.0, -1.0, HALF_PI), 0)
-    centre = [CAMERA.cx, CAMERA.cy]
-    current = np.linalg.norm(features.current - centre, axis=1)
-    assert (current < np.linalg.norm(features.desired - centre, axis=1)).all()
-
-
 def test_an_id_keeps_its_point() -> None:
     near, far = world().observe(BEHIND, 0), world().observe(Pose(0.5, -1.0, HALF_PI), 7)
     _, in_near, in_far = np.intersect1d(near.ids, far.ids, return_indices=True)

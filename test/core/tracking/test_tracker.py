@@ -38,8 +38,11 @@ def errors(world: CameraSimulator, features, pose: Pose) -> np.ndarray:
     return np.hypot(*(truth - features.current).T)
 
 
-def test_without_a_photograph_there_are_no_features(world: CameraSimulator) -> None:
-    assert len(Tracker(SETTINGS).track(world.photograph())) == 0
+def test_without_a_photograph_there_are_no_features_and_the_reason_is_said(world) -> None:
+    bare = Tracker(SETTINGS)
+    assert bare.reason.startswith('no desired image yet; ')
+    assert len(bare.track(world.photograph())) == 0
+    assert tracker(world).reason == 'the photograph was not looked for yet'
 
 
 @pytest.mark.parametrize('changes', [{'min_features': 1}, {'search_per_frame': 0}])
@@ -52,45 +55,24 @@ def test_never_to_match_is_refused(world: CameraSimulator) -> None:
         tracker(world, min_features=0)
 
 
-def test_with_a_photograph_it_does_not_say_that_there_is_none(world: CameraSimulator) -> None:
-    assert Tracker(SETTINGS).reason.startswith('no desired image yet; ')
-    assert tracker(world).reason == 'the photograph was not looked for yet'
-
-
-def test_the_photograph_itself_is_found_where_it_is(world: CameraSimulator) -> None:
+def test_the_photograph_itself_is_found_where_it_is_by_features_all_over_it(world) -> None:
     features = tracker(world).track(world.photograph())
     assert len(features) == SETTINGS.max_features
     assert np.abs(features.current - features.desired).max() < 1e-3
-
-
-def test_features_are_spread_over_the_image(world: CameraSimulator) -> None:
-    desired = tracker(world).track(world.photograph()).desired
-    quarters = {(u > 320, v > 240) for u, v in desired}
+    quarters = {(u > 320, v > 240) for u, v in features.desired}
     assert len(quarters) == 4
 
 
-def test_tracking_does_not_drift_on_the_way_to_the_goal(world, approach) -> None:
-    tracking = tracker(world)
-    for pose, image in approach:
+def test_features_keep_place_identity_and_age_on_the_way_to_the_goal(world, approach) -> None:
+    tracking, meaning = tracker(world), {}
+    for number, (pose, image) in enumerate(approach):
         features = tracking.track(image)
         assert np.nanmedian(errors(world, features, pose)) < 0.15  # half the resolution
-    assert len(features) >= 26
-    assert np.median(errors(world, features, pose)) < 0.06
-
-
-def test_an_identity_never_changes_its_meaning(world, approach) -> None:
-    tracking, meaning = tracker(world), {}
-    for _, image in approach[:20]:
-        features = tracking.track(image)
+        assert number > 3 or features.ages.max() == number  # frames since it was found
         for key, pixel in zip(features.ids, features.desired, strict=True):
             assert meaning.setdefault(int(key), tuple(pixel)) == tuple(pixel)
-
-
-def test_ages_count_frames_since_detection(world, approach) -> None:
-    tracking = tracker(world)
-    for _, image in approach[:4]:
-        features = tracking.track(image)
-    assert features.ages.max() == 3
+    assert len(features) >= 26
+    assert np.median(errors(world, features, pose)) < 0.06
 
 
 def test_a_sudden_change_of_light_is_survived(world, approach) -> None:

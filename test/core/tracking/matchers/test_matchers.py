@@ -75,21 +75,31 @@ def test_it_never_raises_for_what_an_image_shows(name: str, image: Image) -> Non
     matcher.describe(image, limit=1000, border=12.0)
 
 
-def test_a_matcher_without_sizes_and_angles_will_do() -> None:
-    class Upright:
-        def describe(self, image, *, limit, border):
-            return plain(MATCHERS['sift'].describe(image, limit=limit, border=border))
+class Upright:
+    """A matcher without sizes and angles, which notes what it is asked for."""
 
-        def detect(self, image, tuning, *, limit, quick):
-            return plain(MATCHERS['sift'].detect(image, tuning, limit=limit, quick=quick))
+    def __init__(self) -> None:
+        self.asked: list[str] = []
 
-        def pairs(self, desired, current):
-            return MATCHERS['sift'].pairs(desired, current)
+    def describe(self, image, *, limit, border):
+        self.asked.append('describe')
+        return self.plain(MATCHERS['sift'].describe(image, limit=limit, border=border))
 
+    def detect(self, image, tuning, *, limit, quick):
+        self.asked.append('detect')
+        return self.plain(MATCHERS['sift'].detect(image, tuning, limit=limit, quick=quick))
+
+    def pairs(self, desired, current):
+        self.asked.append('pairs')
+        return MATCHERS['sift'].pairs(desired, current)
+
+    @staticmethod
     def plain(keypoints):
         ones = np.ones(len(keypoints))
         return replace(keypoints, sizes=ones, angles=0.0 * ones)
 
+
+def test_a_matcher_without_sizes_and_angles_will_do() -> None:
     photograph, image = world().photograph(), world().capture(START, 0)
     matches = match(desired_view(photograph, Upright()), image)
     assert len(matches.indices) >= 12
@@ -104,26 +114,12 @@ def test_a_matcher_that_nobody_has_is_named() -> None:
 
 
 def test_the_tracker_uses_the_matcher_that_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    class Spy:
-        def describe(self, image, *, limit, border):
-            asked.append('describe')
-            return MATCHERS['sift'].describe(image, limit=limit, border=border)
-
-        def detect(self, image, tuning, *, limit, quick):
-            asked.append('detect')
-            return MATCHERS['sift'].detect(image, tuning, limit=limit, quick=quick)
-
-        def pairs(self, desired, current):
-            asked.append('pairs')
-            return MATCHERS['sift'].pairs(desired, current)
-
-    monkeypatch.setitem(MATCHERS._loaded, 'spy', Spy())
+    spy = Upright()
+    monkeypatch.setitem(MATCHERS._loaded, 'spy', spy)
     tracker = Tracker(replace(TrackerSettings(), matcher='spy'))
     tracker.set_desired(world().photograph())
     assert len(tracker.track(world().capture(START, 0))) >= 40
-    assert asked == ['describe', 'detect', 'pairs']
+    assert spy.asked == ['describe', 'detect', 'pairs']
 
 
 def by_all_distances(desired: np.ndarray, current: np.ndarray) -> IntArray:
