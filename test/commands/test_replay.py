@@ -68,17 +68,6 @@ def test_result_and_figure_are_written(bag, tmp_path, capsys) -> None:
     assert sorted(path.name for path in out.iterdir()) == ['replay.json', 'replay.png']
 
 
-def test_only_settings_that_were_recorded_otherwise_are_shown(bag, capsys) -> None:
-    acceleration = 'servo.max_angular_acceleration=1.2'
-    assert main(['replay', bag, '--tracks', '--set', acceleration, 'servo.turn_gain=0.4']) == 1
-    shown = capsys.readouterr().out
-    assert [line for line in shown.splitlines() if ' = ' in line] == ['  servo.turn_gain = 0.4']
-    assert main(['replay', bag, '--tracks', '--set', acceleration]) == 0
-    shown = capsys.readouterr().out
-    assert ' = ' not in shown
-    assert 'all settings given are those that were recorded' in shown
-
-
 def rounded(run: list, folder: Path, difference: float, numpy: str = '1.21.5') -> str:
     """Return a bag recorded with another numpy, which differs a little in one number."""
     messages, kind = [], kind_of('/epipoles')

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
-from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.figures import robust_limit, save, signals, trajectory
 from visual_servo_epipolar.report.run_file import load_run, RunFile, save_run
 from visual_servo_epipolar.report.style import (
@@ -160,13 +160,6 @@ def test_an_even_speed_is_in_view(log: RunLog) -> None:
     samples = [replace(sample, twist=Twist(0.3, 0.0)) for sample in log.samples]
     axes = panel(signals(replace(log, samples=samples)), 'linear velocity [m/s]')
     assert axes.get_ylim()[0] < 0.0 and axes.get_ylim()[1] > 0.3
-
-
-def test_least_time_is_marked_where_the_limits_are_known(log: RunLog) -> None:
-    limits = MotionLimits(0.4, 0.2, 0.25, 0.5)
-    marked, unmarked = (signals(replace(log, limits=each)) for each in (limits, None))
-    assert 'least time' in [text.get_text() for text in marked.axes[0].texts]
-    assert 'least time' not in [text.get_text() for text in unmarked.axes[0].texts]
 
 
 def test_epipole_beyond_the_panel_is_a_gap_and_a_mark(log: RunLog) -> None:

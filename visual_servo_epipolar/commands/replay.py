@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 import math
 from pathlib import Path
@@ -15,8 +15,6 @@ import yaml
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import (
-    Happening,
-    happenings,
     read_run,
     Recording,
 )
@@ -30,7 +28,6 @@ from visual_servo_epipolar.bags.replaying.comparison import (
     recorded_steps,
 )
 from visual_servo_epipolar.bags.replaying.plan import (
-    effective_changes,
     Moment,
     plan,
     ReplayOverrides,
@@ -108,14 +105,12 @@ class ReplayedBag:
     """
     Replayed bag: the recording, the steps of the replay, how they compare.
 
-    ``given`` are the settings that the user gave, ``effective`` those of them that were recorded
-    otherwise.
+    ``given`` are the settings that the user gave.
     """
 
     run: Recording
     plan: Plan
     given: Changes
-    effective: Changes
     steps: list[ReplayedStep]
     comparison: Comparison
     notes: list[str]
@@ -125,11 +120,6 @@ class ReplayedBag:
     def log(self) -> RunLog:
         """The record of the replayed run."""
         return record(self.run, self.steps, self.plan)
-
-    @cached_property
-    def history(self) -> list[Happening]:
-        """What was ordered and set on the way."""
-        return happenings(self.run, self.steps[0].key[0])
 
     @property
     def recorded_commands(self) -> FloatArray:
@@ -197,7 +187,6 @@ def replay_bag(
         run=run,
         plan=replay_plan,
         given=given,
-        effective=effective_changes(run, given),
         steps=steps,
         comparison=compare(run, steps, tolerance),
         notes=[*([str(report)] if report else []), *bag.notes, *notes],
@@ -215,10 +204,8 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
         'recorded_s': replayed.recorded_s,
         'wall_s': replayed.wall_s,
         'changes': replayed.given,
-        'effective_changes': replayed.effective,
         'notes': replayed.notes,
         'versions': replayed.versions,
-        'history': [asdict(item) for item in replayed.history],
         'comparison': as_document(replayed.comparison),
     }
 
@@ -273,11 +260,9 @@ def in_words(result: Mapping[str, Any]) -> str:
     ]
     lines += [
         f'  {section}.{name} = {value}'
-        for section, values in result['effective_changes'].items()
+        for section, values in result['changes'].items()
         for name, value in values.items()
     ]
-    if result['changes'] and not result['effective_changes']:
-        lines.append('  all settings given are those that were recorded')
     lines += [f'  note: {note}' for note in result['notes']]
     lines += [
         f'  {phase["start_s"]:6.1f} - {phase["end_s"]:6.1f} s  {phase["name"]}'

@@ -9,7 +9,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-from visual_servo_epipolar.bags.reading.run import Happening
 from visual_servo_epipolar.bags.replaying.replay import has_truth
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import OutputFolder
@@ -33,9 +32,7 @@ from visual_servo_epipolar.report.page import (
     DASH,
     figure_html,
     FILE,
-    film,
     Headline,
-    paragraph,
     Section,
     table,
     write_page,
@@ -82,7 +79,6 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
         )
 
 
-VIDEO = 'video.mp4'
 SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
@@ -99,7 +95,6 @@ def report_run(folder: Path, path: Path) -> None:
         Section('Result', result_table(result)),
         path_section(log),
         signals_section(log),
-        *_video_section(folder / VIDEO),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
         version_section(run_file.versions),
@@ -131,15 +126,6 @@ def signals_section(log: RunLog, recorded: FloatArray | None = None) -> Section:
     return Section('Signals', figure_html(figures.signals(log, recorded), SIGNALS))
 
 
-def _video_section(video: Path) -> list[Section]:
-    """Return the ``video`` of the run, where there is one."""
-    if not video.is_file():
-        return []
-    data = video.read_bytes()
-    caption = f'The whole run, {len(data) / 1e6:.1f} MB.'
-    return [Section('What was seen', film(data, caption))]
-
-
 def report_bag(options: argparse.Namespace, path: Path) -> None:
     """Write the page on a bag to ``path``; raises InputError if that fails."""
     with closing(Progress()) as progress:
@@ -154,7 +140,6 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
         Section('Recorded and replayed', f'<pre>{escape(compared)}</pre>'),
         signals_section(log, replayed.recorded_commands),
         Section('Phases', phase_table(result)),
-        history_section(replayed.history),
         parameter_section(
             {
                 'servo': asdict(replayed.plan.servo[-1][1]),
@@ -167,22 +152,6 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
     name = bag.name if bag.name != 'bag' else '/'.join(bag.parts[-2:])  # that of a demo
     title = f'Bag {name}, {len(replayed.steps)} steps from {result["source"]}'
     write_page(path, title, verdict_of(result), sections, footer=FOOTER)
-
-
-def history_section(history: Sequence[Happening]) -> Section:
-    """Return what was ordered and set on the way, one after the other."""
-    if not history:
-        body = paragraph('no service was called and no setting changed while this was recorded')
-        return Section('Events', body)
-    rows: list[Sequence[str | None]] = [
-        (
-            'before any image' if item.time_s is None else f'{item.time_s:.2f}',
-            item.node,
-            item.what + (f': {item.reason}' if item.reason else ''),
-        )
-        for item in history
-    ]
-    return Section('Events', table(['after [s]', 'node', 'what happened'], rows))
 
 
 QUANTITIES = (  # key, words, unit, factor to that unit

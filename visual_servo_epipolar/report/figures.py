@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import (
     end_s,
-    least_time_of,
     phase_spans,
     PhaseSpan,
     RunLog,
@@ -42,13 +41,11 @@ from visual_servo_epipolar.report.style import (
     FIGURE_SETTINGS,
     INK,
     phase_label,
-    text_colour_on,
 )
 
 Panel = Callable[[Axes, RunLog], None]
 
 MAX_EPIPOLE = 2000.0  # abscissae beyond are off any sensible axis [px]
-CHARACTER = 0.0108  # width of one character of a phase's name, of the width of a panel
 
 
 def column(log: RunLog, name: str) -> FloatArray:
@@ -61,20 +58,6 @@ def robust_limit(*signals: FloatArray) -> float:
     finite = [np.abs(signal[np.isfinite(signal)]) for signal in signals]
     bounds = [np.percentile(values, 95) for values in finite if len(values)]
     return float(np.clip(1.25 * max(bounds, default=0.0), 10.0, MAX_EPIPOLE))
-
-
-def draw_strip(axes: Axes, spans: list[PhaseSpan]) -> None:
-    """Draw the phases as a bar over time, with their names where they fit."""
-    whole = axes.get_xlim()[1]
-    axes.set(ylim=(0.0, 1.0))
-    axes.set_axis_off()
-    for span in spans:
-        colour, name = phase_colour(span.name), phase_label(span.name)
-        axes.axvspan(span.start_s, span.end_s, color=colour, linewidth=0.0)
-        if (span.end_s - span.start_s) / whole > CHARACTER * (len(name) + 1):
-            middle = 0.5 * (span.start_s + span.end_s)
-            ink = text_colour_on(colour)
-            axes.text(middle, 0.46, name, color=ink, fontsize=8.0, ha='center', va='center')
 
 
 def phase_patches(spans: list[PhaseSpan]) -> list[Patch]:
@@ -238,35 +221,27 @@ def signals(log: RunLog, recorded: FloatArray | None = None) -> Figure:
     """
     Draw what was measured and commanded over time, one quantity a panel, phases behind.
 
-    A dashed line marks where the run ended, arrived or failed: the base may brake for longer. A
-    dotted one marks the least time T_0 that the limits of the base allow. Of a replay there are
-    the commands that were ``recorded`` [m/s, rad/s], shape (N, 2), nan where there was none.
+    A dashed line marks where the run ended, arrived or failed: the base may brake for longer.
+    Of a replay there are the commands that were ``recorded`` [m/s, rad/s], shape (N, 2), nan where
+    there was none.
 
     Raises ValueError if the run has no samples.
     """
     _check(log)
-    figure = new_figure(7.2, 9.6)
-    heights = (0.2, 1.4, *[1.0] * (len(DRAWN) - 1))
-    grid = figure.add_gridspec(1 + len(DRAWN), 1, height_ratios=heights)
-    spans, strip = phase_spans(log), figure.add_subplot(grid[0])
-    strip.set_xlim(0.0, max(seconds(log)[-1], 1e-3))
-    draw_strip(strip, spans)
-    least = least_time_of(log)
-    if least is not None and least <= strip.get_xlim()[1]:
-        strip.text(least, 1.05, 'least time', fontsize=8.0, ha='center', va='bottom')
-    for row, draw in enumerate(DRAWN, start=1):
-        axes = figure.add_subplot(grid[row], sharex=strip)
+    figure = new_figure(7.2, 9.4)
+    heights = (1.4, *[1.0] * (len(DRAWN) - 1))
+    panels = figure.subplots(len(DRAWN), 1, sharex=True, height_ratios=heights)
+    spans = phase_spans(log)
+    for axes, draw in zip(panels, DRAWN, strict=True):
         draw(axes, log)
         shade(axes, spans)
         if log.samples[-1].phase.ended:
             axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
-        if least is not None:
-            axes.axvline(least, color=INK, linewidth=0.9, linestyle=':')
-        axes.tick_params(labelbottom=row == len(DRAWN))
         axes.yaxis.set_label_coords(LABELS_AT, 0.5)  # ``align_ylabels`` takes 0.15 s for seven
+    panels[0].set_xlim(0.0, max(seconds(log)[-1], 1e-3))
     if recorded is not None:
-        _draw_recorded(figure.axes[2:4], log, recorded)
-    figure.axes[-1].set_xlabel('time [s]')
+        _draw_recorded(panels[1:3], log, recorded)
+    panels[-1].set_xlabel('time [s]')
     legend_outside(figure, phase_patches(spans), 'upper left', ncols=5)
     return figure
 

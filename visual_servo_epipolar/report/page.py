@@ -62,16 +62,9 @@ def figure_html(figure: Figure, caption: str) -> str:
     buffer = io.BytesIO()
     with rc_context(FIGURE_SETTINGS):
         figure.savefig(buffer, format='svg')
-    return _figure('image/svg+xml', buffer.getvalue(), caption)
-
-
-def film(data: bytes, caption: str) -> str:
-    """Return a video of MP4 with controls."""
-    source, text = _embedded('video/mp4', data), escape(caption)
-    return (
-        f'<figure><video controls muted src="{source}"></video>'
-        f'<figcaption>{text}</figcaption></figure>'
-    )
+    data, text = base64.b64encode(buffer.getvalue()).decode('ascii'), escape(caption)
+    image = f'<img src="data:image/svg+xml;base64,{data}" alt="{text}">'
+    return f'<figure>{image}<figcaption>{text}</figcaption></figure>'
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str | None]]) -> str:
@@ -82,18 +75,3 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str | None]]) -> str:
         return f'<tr>{"".join(f"<{tag}>{part}</{tag}>" for part in parts)}</tr>'
 
     return '\n'.join(['<table>', line('th', head), *(line('td', row) for row in rows), '</table>'])
-
-
-def paragraph(text: str) -> str:
-    """Return ``text`` as a paragraph."""
-    return f'<p>{escape(text)}</p>'
-
-
-def _embedded(kind: str, data: bytes) -> str:
-    """Return ``data`` of a MIME type as a link that holds it."""
-    return f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
-
-
-def _figure(kind: str, data: bytes, caption: str) -> str:
-    source, text = _embedded(kind, data), escape(caption)
-    return f'<figure><img src="{source}" alt="{text}"><figcaption>{text}</figcaption></figure>'

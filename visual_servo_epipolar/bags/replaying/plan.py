@@ -160,22 +160,6 @@ def _note_version(recorded: NodeSettings, notes: list[str]) -> None:
     notes += [note for note in new if note not in notes]
 
 
-def effective_changes(
-    run: Recording, changes: Mapping[str, Mapping[str, Any]]
-) -> dict[str, dict[str, Any]]:
-    """Return those of ``changes``, settings by section, that are not what was recorded."""
-    effective: dict[str, dict[str, Any]] = {}
-    for default, history in ((ServoSettings(), run.servo), (TrackerSettings(), run.tracker)):
-        section = _section(default)
-        recorded = [settings.values for _, settings in history] or [{}]
-        for name, value in _todays(default, changes.get(section, {})).items():
-            if name == 'autostart':  # a replay starts where the recording did
-                continue
-            if any(values.get(name, getattr(default, name)) != value for values in recorded):
-                effective.setdefault(section, {})[name] = value
-    return effective
-
-
 def _todays(settings: Settings, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return ``changes`` by the names that ``settings`` have today."""
     return {settings.RENAMED.get(name, name): value for name, value in changes.items()}
