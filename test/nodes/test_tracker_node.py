@@ -247,34 +247,6 @@ def test_of_images_that_came_meanwhile_only_the_newest_is_tracked(rig, photograp
     assert [read.stamp_ns(cloud.header) for cloud in rig.clouds] == [STAMP_NS + 6]
 
 
-def test_tracks_that_come_late_are_reported_with_their_age(rig, photograph, view) -> None:
-    reports = rig.bench.listen(DiagnosticArray, '/diagnostics')
-    rig.calibrated().taught(photograph)
-    for age_s in (5.0, 5.0, -9.0, 5.0, 5.0, 1e6, 5.0, 5.0):  # never three in a row
-        rig.track(view, now_ns(rig) - int(age_s * 1e9))  # 1e6: the stamp of another clock
-    rig.bench.settle()
-    assert reports == []
-    rig.track(view, now_ns(rig) - 5_000_000_000)
-    rig.bench.until(lambda: bool(reports), 'the complaint')
-    status = reports[0].status[0]
-    assert status.level == b'\x01'
-    assert status.message.startswith('the tracker falls behind: the newest image was ')
-    values = {item.key: item.value for item in status.values}
-    assert 5.0 <= float(values['image_age_s']) < 60.0
-    rig.bench.until(lambda: rig.bench.logged('falls behind'), 'the complaint in the log')
-    rig.track(view, now_ns(rig) + 9_000_000_000)
-    rig.bench.until(lambda: reports[-1].status[0].level == b'\x00', 'the end of it')
-
-
-def test_in_simulated_time_no_age_is_reported(bench, simulator, photograph, view) -> None:
-    reports = bench.listen(DiagnosticArray, '/diagnostics')
-    rig = Rig(bench, simulator, use_sim_time=True).calibrated().taught(photograph)
-    for _ in range(4):
-        rig.track(view, -5_000_000_000)
-    bench.settle()
-    assert reports == []  # time may wait for the tracks
-
-
 def test_the_same_photograph_again_changes_nothing(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph).track(view)
     goal = read.goal(rig.clouds[-1])

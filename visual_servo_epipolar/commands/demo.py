@@ -51,8 +51,7 @@ def demo(options: argparse.Namespace) -> int:
         progress.say('starting four nodes ...')
         from visual_servo_epipolar.nodes.lockstep import Lockstep
 
-        open_to = 'LOCALHOST' if options.visible else 'OFF'
-        with Lockstep(scenario, settings, open_to=open_to) as nodes:
+        with Lockstep(scenario, settings) as nodes:
             log = _drive(nodes, settings, options, video, progress)
         result = verdict(log, scenario.camera.rig())
         progress.say('drawing figures ...')

@@ -65,12 +65,7 @@ def add_demo(parser: ArgumentParser) -> None:
         help='what the bag holds: nothing, all topics but images, or images as well, which take '
         '250 MB (default tracks)',
     )
-    flags = {
-        '--no-video': 'make no video',
-        '--visible': 'show the topics to other processes on this machine; a real base driver '
-        'that listens to cmd_vel will then drive',
-    }
-    add_flags(parser, flags)
+    add_flags(parser, {'--no-video': 'make no video'})
     add_run_options(parser)
 
 

@@ -36,15 +36,11 @@ class LockstepError(VisualServoError):
 
 
 class Lockstep(AbstractContextManager['Lockstep']):
-    """
-    The four nodes in one context, each with simulated time, isolated from other processes.
+    """The four nodes in one context, each with simulated time, isolated from other processes."""
 
-    ``open_to`` LOCALHOST or SUBNET lets tools such as RViz look on.
-    """
-
-    def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
+    def __init__(self, scenario: Scenario, loop: LoopSettings) -> None:
         self._around = ExitStack()
-        self.context = self._around.enter_context(isolated_context(open_to))
+        self.context = self._around.enter_context(isolated_context())
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self._turns = 0

@@ -27,7 +27,7 @@ from visual_servo_epipolar.nodes.photographer import Photographer, Renewal
 from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
-from visual_servo_epipolar.nodes.tracker_reports import Lateness, TrackerReports
+from visual_servo_epipolar.nodes.tracker_reports import TrackerReports
 
 PATIENCE_S = 5.0  # with which another publisher of camera_info is waited for
 NO_CAMERA = 'no usable camera_info yet; an image waits for it, the robot stands'
@@ -65,7 +65,7 @@ class TrackerNode(ManagedNode):
         self._told: CameraModel | None = None  # that this node publishes
         self._silent_ns: int | None = None  # since when another node only advertises one
         self._unusable = ''  # why the last camera_info cannot be used
-        self._lateness, self._repetition = Lateness(self), Repetition()
+        self._repetition = Repetition()
         self._latest: Pixels | None = None
         self._pending_image: Image | CompressedImage | None = None
         self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
@@ -248,15 +248,13 @@ class TrackerNode(ManagedNode):
 
     def _report(self, tracking: TrackingResult) -> None:
         assert self._stamp_ns is not None
-        age_s = self._lateness.age_s(self._stamp_ns)
-        behind = self._lateness.complaint(age_s)
         if self._settings.overlay:
             self._reports.overlay(
                 tracking.image, tracking.features, self._stamp_ns, self._frame_id
             )
-        for complaint in filter(None, (tracking.warning, behind)):
-            self._warn(complaint)
-        self._reports.diagnose(tracking, behind, self._stamp_ns, age_s, self._tracker.which)
+        if tracking.warning:
+            self._warn(tracking.warning)
+        self._reports.diagnose(tracking, self._stamp_ns, self._tracker.which)
 
     @in_every_state
     def _on_desired(self, message: Image | CompressedImage) -> None:
