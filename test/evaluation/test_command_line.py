@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from visual_servo_epipolar.commands.main import EVALUATION
-from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_REQUEST
+from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, FOLDERS
 
 LOADED = """
 import sys
@@ -35,4 +35,4 @@ def test_each_of_its_commands_is_a_module_with_options(module: str) -> None:
 def test_each_benchmark_is_a_row_that_runs_and_prints(name: str) -> None:
     row = resolve_name(BENCHMARKS[name])
     assert callable(row.run) and callable(row.table)
-    assert set(ON_REQUEST) <= set(BENCHMARKS)
+    assert set(FOLDERS) <= set(BENCHMARKS)

@@ -2,7 +2,6 @@
 
 from contextlib import ExitStack, suppress
 import os
-from pathlib import Path
 import signal
 import subprocess
 import sys
@@ -20,23 +19,21 @@ SIGNALS = ['SIGTERM', 'SIGKILL']
 # Nodes whose session is their own, and who print to where this one prints.
 NODES = """
 from contextlib import ExitStack
-from pathlib import Path
-import sys
 
 from visual_servo_epipolar.commands.main import terminable
 from visual_servo_epipolar.evaluation.benchmarks.latency import start_nodes
 
 with terminable(), ExitStack() as stack:
-    (node,) = start_nodes(stack, {'unicycle_node': ()}, Path(sys.argv[1])).values()
+    (node,) = start_nodes(stack, {'unicycle_node': ()}).values()
     print(node.pid, flush=True)
     node.wait()
 """
 
 
-def begin(stack: ExitStack, *command: str) -> 'subprocess.Popen[bytes]':
+def begin(stack: ExitStack, program: str) -> 'subprocess.Popen[bytes]':
     process = stack.enter_context(
         subprocess.Popen(
-            [sys.executable, '-c', *command],
+            [sys.executable, '-c', program],
             env=environment(DOMAIN),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -53,9 +50,9 @@ def kill(pid: int) -> None:
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_nodes_end_with_the_process_that_started_them(number: str, tmp_path: Path) -> None:
+def test_nodes_end_with_the_process_that_started_them(number: str) -> None:
     with ExitStack() as stack:
-        process = begin(stack, NODES, str(tmp_path))
+        process = begin(stack, NODES)
         assert process.stdout is not None
         stack.callback(kill, int(process.stdout.readline()))
         process.send_signal(signal.Signals[number])

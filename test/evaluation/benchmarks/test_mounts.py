@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.evaluation.benchmarks import mounts
-from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_REQUEST
+from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, FOLDERS
 from visual_servo_epipolar.evaluation.benchmarks.mounts import (
     camera_of_size,
     CameraPlace,
@@ -120,7 +120,7 @@ def test_what_needs_a_folder_runs_only_if_it_is_named(monkeypatch, capsys) -> No
 
     monkeypatch.setattr('visual_servo_epipolar.evaluation.benchmarks.command._benchmark', Fake)
     assert main(['bench']) == 0
-    assert ran == [name for name in BENCHMARKS if name not in ON_REQUEST]
+    assert ran == [name for name in BENCHMARKS if name not in FOLDERS]
     for words in (['real'], ['routes', 'laws']):
         assert main(['bench', *words]) == 2
         assert f'{words[0]} must be followed by the FOLDER' in capsys.readouterr().err

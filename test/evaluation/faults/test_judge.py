@@ -75,15 +75,6 @@ ASIDE, TURNED = Pose(0.1, -1.08, math.pi / 2), Pose(0.0, -1.08, math.pi / 2 + 0.
 AWAY = Pose(0, -3, 1.5)
 ORDER = ServoCommand(1.0, Twist(0.01, 0.0), LIMITS)
 BRAKE = [(0.3 - 0.012 * k, 0.02) for k in range(25)]  # half a second, at 0.6 m/s^2
-SLIP = [*ramp(0.3), (0.3, 1.0), (0.0, 1.0)]
-LEAPS = [(0.0, 1.0), (0.3, 1.0), (0.0, 1.0)]
-
-
-def slipping(moved_s: list[float]) -> Record:
-    """Return a run whose motion leaps; ``moved_s`` are counted from the leap [s]."""
-    made = record(SLIP, phase='failed')
-    leap_s = next(it.time_s for it in made.truths if it.time_s > 1.0 and it.twist == STANDSTILL)
-    return but(made, moved_s=[leap_s + it for it in moved_s])
 
 
 def carried_away(arrived_s: float) -> Record:
@@ -141,12 +132,6 @@ def moving_at_the_end() -> Record:
             but(record(WAY), orders=[ORDER, ORDER._replace(most=Twist(0.005, 0.5))]),
             RunVerdict.LIMITS,
         ),
-        # A base leaps where it is carried or slips, at that moment alone.
-        (record(LEAPS), RunVerdict.LIMITS),
-        (but(record(LEAPS), moved_s=[1.0, 2.0]), RunVerdict.ARRIVED),
-        (slipping([]), RunVerdict.LIMITS),
-        (slipping([-0.01]), RunVerdict.AT_REST),
-        (slipping([-0.5]), RunVerdict.LIMITS),
         # It ran away, though it comes back; it moves at the end, or after it was stopped.
         (
             record([*((-v, seconds) for v, seconds in drive(0.4, 10.0)), *drive(0.4, 10.0)]),

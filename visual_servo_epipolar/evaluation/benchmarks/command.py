@@ -11,8 +11,6 @@ from visual_servo_epipolar.commands.arguments import (
     add_flags,
     add_json,
     add_seed,
-    add_words,
-    duration,
 )
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import write_json
@@ -20,7 +18,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 # Each row names a module, or a name in one, with run(*, seed, quick, say) -> document and
-# table(document) -> text; OPTIONS are those of the command line that its run takes beside.
+# table(document) -> text.
 HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
     'estimation': f'{HERE}.estimation',
@@ -35,9 +33,8 @@ BENCHMARKS: Mapping[str, str] = {
     'routes': f'{HERE}.routes',
     'report': f'{HERE}.report',
 }
-# Too long to be run unless they are named.
-ON_REQUEST = ('real', 'routes', 'report')
-# What reads the FOLDER after the name of a benchmark, by the option that it becomes.
+# Too long to be run unless they are named: what reads the FOLDER after the name of such a
+# benchmark, by the option of its run that it becomes.
 FOLDERS = {
     'real': ('photographs', f'{HERE}.real:read_pairs'),
     'routes': ('clips', f'{HERE}.routes:read_clips'),
@@ -52,34 +49,33 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs='*',
         metavar='WHICH',
         type=os.path.expanduser,
-        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); after '
+        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(FOLDERS)}); after '
         'real and after routes the FOLDER with truth.json; after report the FOLDER that it writes '
         'and goes on in (default bench_report)',
     )
     add_flags(parser, {'--quick': 'run a few trials only, to see that it works'})
     add_seed(parser)
-    seconds = 'duration of each row of latency (default 60)'
-    add_words(parser, {'--seconds S': seconds}, type=duration)
     add_json(parser)
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the benchmarks one after the other, print their tables; return 0."""
-    for name, (option, reader) in FOLDERS.items():
-        setattr(options, option, _folder(options.which, name, reader))
+    folders = {name: _folder(options.which, name) for name in FOLDERS}
     unknown = sorted(set(options.which) - set(BENCHMARKS))
     if unknown:
         raise InputError(
             f'unknown benchmark {", ".join(unknown)}; choose from {", ".join(BENCHMARKS)}'
         )
     results: dict[str, Any] = {}
-    for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:
+    for name in options.which or [name for name in BENCHMARKS if name not in FOLDERS]:
         benchmark = _benchmark(name)
         with closing(Progress()) as progress:
-            more = {key: getattr(options, key) for key in getattr(benchmark, 'OPTIONS', ())}
             results[name] = benchmark.run(
-                seed=options.seed, quick=options.quick, say=progress.say, **more
+                seed=options.seed,
+                quick=options.quick,
+                say=progress.say,
+                **folders.get(name, {}),
             )
         if options.json != '-':
             print(benchmark.table(results[name]))
@@ -87,15 +83,15 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _folder(which: list[str], name: str, reader: str) -> Any:
-    """Return what the folder after ``name`` holds, None of none, taken out of ``which``."""
+def _folder(which: list[str], name: str) -> dict[str, Any]:
+    """Return what the folder after ``name`` holds, by its option; it is taken out of ``which``."""
     if name not in which:
-        return None
-    place = which.index(name) + 1
+        return {}
+    (option, reader), place = FOLDERS[name], which.index(name) + 1
     if place < len(which) and which[place] not in BENCHMARKS:
-        return resolve_name(reader)(which.pop(place))
+        return {option: resolve_name(reader)(which.pop(place))}
     if name == 'report':  # it has a folder of its own
-        return None
+        return {option: None}
     raise InputError(f'{name} must be followed by the FOLDER with its truth.json; name it')
 
 

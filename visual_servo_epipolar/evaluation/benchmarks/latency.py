@@ -8,20 +8,17 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from itertools import count
-import math
 import os
 from pathlib import Path
 import signal
 import subprocess
 import sys
-from tempfile import TemporaryDirectory
 import time
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import TwistStamped
 import numpy as np
 import rclpy
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
@@ -29,7 +26,7 @@ from visual_servo_epipolar import processes
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -45,21 +42,37 @@ from visual_servo_epipolar.simulation.closed_loop import Loop, LoopSettings
 
 # Its own among benchmarks that run at a time, and above those that people use.
 DOMAIN = 216 + os.getpid() % 16
-NODES = 'visual_servo_epipolar.nodes'
 RELIABLE = ('-p', 'camera_reliability:=reliable')
-# A twist with a stamp is known to answer the image of that stamp.
-STAMPED = ('-p', 'autostart:=true', '-p', 'enable_stamped_cmd_vel:=true')
-TRACKER_AND_SERVO = {'tracker_node': RELIABLE, 'servo_node': (*RELIABLE, *STAMPED)}
+NODES: Mapping[str, Sequence[str]] = {
+    'tracker_node': RELIABLE,
+    # A twist with a stamp answers the image of that stamp.
+    'servo_node': (*RELIABLE, '-p', 'autostart:=true', '-p', 'enable_stamped_cmd_vel:=true'),
+}
 START_S = 60.0  # in which nodes start and answer
+FRAME_ID = 'camera_optical_frame'
+START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
+LEAD, LEAD_RATE = 10, 10.0  # images at rest before a run, in which the tracker finds the goal
+FULL = CameraSettings(frame_rate=30.0)
+HALF = replace(
+    FULL,
+    width=640,
+    height=480,
+    focal_length=FULL.focal_length / 2.0,
+    principal_u=319.5,
+    principal_v=239.5,
+    frame_rate=60.0,
+)
+TURNS, TURN_S, QUICK_TURN_S = 6, 10.0, 4.0  # of a row: a run is shown again and again [s]
+LATENCIES = 'size and rate | p50 | p99 | p99.9 | images | drops'
+COSTS = 'size and rate | process | processor ms a frame | memory MB'
+QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 Process = subprocess.Popen[bytes]
 
 
-def start_nodes(
-    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path
-) -> dict[str, Process]:
+def start_nodes(stack: ExitStack, nodes: Mapping[str, Sequence[str]]) -> dict[str, Process]:
     """
-    Start each node of ours, by name, with its arguments in ``folder``.
+    Start each node of ours, by name, with its arguments.
 
     They are in sessions of their own, and end with ``stack``, and with this process, however that
     ends.
@@ -68,11 +81,11 @@ def start_nodes(
     own = {'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': path}
     started = {}
     for name, words in nodes.items():
-        command = [sys.executable, '-m', processes.__name__, str(os.getpid()), f'{NODES}.{name}']
+        module = f'visual_servo_epipolar.nodes.{name}'
+        command = [sys.executable, '-m', processes.__name__, str(os.getpid()), module]
         started[name] = stack.enter_context(
             subprocess.Popen(
                 [*command, '--ros-args', *words],
-                cwd=folder,
                 env={**ONE_THREAD, **os.environ, **own},  # as executables do
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,
@@ -92,96 +105,79 @@ def _end(process: Process) -> None:
         process.wait()
 
 
-FRAME_ID = 'camera_optical_frame'
-START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
-
-
 @dataclass(slots=True)
 class Answers:
-    """A stretch of time: when images were sent, and the latencies of the answers."""
+    """When images were sent, the latencies of the answers [s], and how many are not zero."""
 
     sent: dict[int, float] = field(default_factory=dict)  # by stamp [ns], on the steady clock [s]
-    latencies: list[float] = field(default_factory=list)  # image sent to twist received [s]
-    twists: list[Twist] = field(default_factory=list)
+    latencies: list[float] = field(default_factory=list)
+    moving: int = 0
 
-    def __iadd__(self, other: 'Answers') -> 'Answers':
-        self.sent |= other.sent
-        self.latencies += other.latencies
-        self.twists += other.twists
-        return self
-
-    def took(self, message: TwistStamped) -> None:
+    def take(self, message: TwistStamped) -> None:
         """Take the answer to an image."""
         sent = self.sent.get(read.stamp_ns(message.header))
         if sent is not None:
             self.latencies.append(time.monotonic() - sent)
-            self.twists.append(read.twist(message))
-
-    @property
-    def moving(self) -> int:
-        """How many twists are not zero."""
-        return sum(twist != STANDSTILL for twist in self.twists)
+            self.moving += read.twist(message) != STANDSTILL
 
 
 class PlayedCamera:
-    """
-    Nodes in processes of their own; this process is their camera, and hears their twists.
+    """Tracker and servo as ``processes`` of their own; this process is their camera."""
 
-    ``nodes`` are names with their arguments; they run in ``folder``.
-    """
-
-    def __init__(
-        self,
-        stack: ExitStack,
-        camera: CameraModel,
-        folder: Path,
-        nodes: Mapping[str, Sequence[str]],
-    ) -> None:
+    def __init__(self, stack: ExitStack, camera: CameraModel) -> None:
         context = stack.enter_context(isolated_context('LOCALHOST', domain_id=DOMAIN))
-        self.node: Node = rclpy.create_node('bench_camera', context=context)
-        stack.callback(self.node.destroy_node)
+        self._node = rclpy.create_node('bench_camera', context=context)
+        stack.callback(self._node.destroy_node)
         self._executor = new_executor(context)
-        self._executor.add_node(self.node)
-        self.drive = Answers()
-        self.node.create_subscription(TwistStamped, 'cmd_vel', self._on_answer, qos.COMMAND)
+        self._executor.add_node(self._node)
+        self._answers = Answers()
+        self._node.create_subscription(
+            TwistStamped, 'cmd_vel', lambda message: self._answers.take(message), qos.COMMAND
+        )
         self._camera, self._numbers = camera, count()
-        self._image_pub = self.node.create_publisher(Image, 'image_raw', qos.STREAM)
-        self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
-        self._desired_pub = self.node.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
-        self.processes = start_nodes(stack, nodes, folder)
+        self._image_pub = self._node.create_publisher(Image, 'image_raw', qos.STREAM)
+        self._info_pub = self._node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
+        self._desired_pub = self._node.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
+        self.processes = start_nodes(stack, NODES)
 
-    def call(self, service: str) -> str:
-        """Call a service of std_srvs/Trigger, and return what it says."""
-        client = self.node.create_client(Trigger, service)
-        try:
-            if not client.wait_for_service(START_S):
-                raise VisualServoError(f'no node served {service} within {START_S:g} s')
-            future: Any = client.call_async(Trigger.Request())
-            self._executor.spin_until_future_complete(future, START_S)
-            answer = future.result()
-        finally:
-            self.node.destroy_client(client)
+    def call(self, service: str) -> None:
+        """Call a service of std_srvs/Trigger; VisualServoError if it fails."""
+        client = self._node.create_client(Trigger, service)
+        if not client.wait_for_service(START_S):
+            raise VisualServoError(f'no node served {service} within {START_S:g} s')
+        future: Any = client.call_async(Trigger.Request())
+        self._executor.spin_until_future_complete(future, START_S)
+        answer = future.result()
+        self._node.destroy_client(client)
         if answer is None or not answer.success:
             raise VisualServoError(f'{service} failed: {answer and answer.message}')
-        return str(answer.message)
 
     def show_goal(self, photograph: Pixels, images: Sequence[Pixels]) -> None:
         """Publish the photograph, and ``images`` until the servo answers to them."""
         self._desired_pub.publish(write.image(photograph, 'mono8', 0, FRAME_ID))
         deadline = time.monotonic() + START_S
-        while not self.show(images, LEAD_RATE).latencies:
+        while not self.show(images, LEAD_RATE, Answers()).latencies:
             if time.monotonic() > deadline:
                 raise VisualServoError(f'no image was answered within {START_S:g} s')
 
-    def show(self, images: Sequence[Pixels], rate: float) -> Answers:
-        """Publish these images at ``rate`` [Hz], stamped as they are due; return the answers."""
-        self.drive = drive = Answers()
-        begin_ns, begin = self.node.get_clock().now().nanoseconds, time.monotonic()
+    def show(self, images: Sequence[Pixels], rate: float, answers: Answers) -> Answers:
+        """Publish these images at ``rate`` [Hz], stamped as they are due; collect the answers."""
+        self._answers = answers
+        begin_ns, begin = self._node.get_clock().now().nanoseconds, time.monotonic()
         for number, image in enumerate(images):
             self._spin_until(begin + number / rate)
             self._publish(image, begin_ns + number * period_ns(rate))
         self._spin_until(time.monotonic() + 0.5)
-        return drive
+        return answers
+
+    def begin(self, still: Pixels) -> None:
+        """Show the start of a run while the servo is stopped, and start it anew."""
+        self.call('servo_node/stop')
+        self.call('tracker_node/redetect')
+        for images in ([still], [still] * (LEAD - 1)):  # the first takes a while
+            self.show(images, LEAD_RATE, Answers())
+        self.call('servo_node/reset')
+        self.call('servo_node/start')
 
     def _spin_until(self, moment: float) -> None:
         while (remaining := moment - time.monotonic()) > 0.0:
@@ -193,83 +189,40 @@ class PlayedCamera:
         image[0, :4] = list(next(self._numbers).to_bytes(4, 'big'))
         message = write.image(image, 'mono8', stamp_ns, FRAME_ID)
         self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
-        self.drive.sent[stamp_ns] = time.monotonic()
+        self._answers.sent[stamp_ns] = time.monotonic()
         self._image_pub.publish(message)
-
-    def _on_answer(self, message: TwistStamped) -> None:
-        self.drive.took(message)
-
-
-# Images at rest before the run, in which the tracker finds the photograph.
-LEAD, LEAD_RATE = 10, 10.0
 
 
 class DrivenRun(NamedTuple):
     """Run that the servo has driven: its ``images``, shape (H, W), none after its end."""
 
     camera: CameraModel
-    rate: float
     photograph: Pixels
     images: Sequence[Pixels]
 
 
-def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
-    """
-    Drive from START for ``seconds`` [s], or to the end of the run before that.
-
-    Images are in a file of ``folder``, which has to stay: 20 s of 1280x1024 at 30 Hz are 0.8 GB.
-    """
-    simulator, rate = CameraSimulator(settings), settings.frame_rate
+def driven(settings: CameraSettings, seconds: float) -> DrivenRun:
+    """Drive from START for ``seconds`` [s], or to the end of the run before that."""
+    simulator, images = CameraSimulator(settings), list[Pixels]()
     view = ImageView(simulator, Tracker(TrackerSettings()))
     for image in [simulator.capture(Pose.from_start(*START), 0)] * LEAD:
         view.tracker.track(image)
-    shape = round(seconds * rate), settings.height, settings.width
-    images = np.memmap(folder / 'images', np.uint8, 'w+', shape=shape)
-    kept = 0
 
     def keep(sample: Sample) -> None:
-        nonlocal kept
-        if not sample.phase.ended and kept < len(images):
-            images[kept] = view.image
-            kept += 1
+        if not sample.phase.ended and len(images) < round(seconds * settings.frame_rate):
+            images.append(np.array(view.image))
 
-    loop = LoopSettings(start=START, seed=settings.seed, frame_rate=rate, max_duration=seconds)
+    loop = LoopSettings(
+        start=START, seed=settings.seed, frame_rate=settings.frame_rate, max_duration=seconds
+    )
     Loop(loop, view, simulator.camera).run(watch=keep)
-    images.flush()  # nothing is to be written while latencies are measured
-    return DrivenRun(simulator.camera, rate, view.desired, tuple(np.asarray(images)[:kept]))
+    return DrivenRun(simulator.camera, view.desired, images)
 
 
-OPTIONS = ('seconds',)  # of the command line that this benchmark takes
-FULL = CameraSettings(frame_rate=30.0)
-CELLS = (
-    replace(
-        FULL,
-        width=640,
-        height=480,
-        focal_length=FULL.focal_length / 2.0,
-        principal_u=319.5,
-        principal_v=239.5,
-        frame_rate=60.0,
-    ),
-    FULL,
-)
-SECONDS, QUICK_SECONDS = 60.0, 4.0
-TURN_S = 20.0  # at most, of the run that is shown again and again [s]
-LATENCIES = 'size and rate | p50 | p99 | p99.9 | images | drops'
-COSTS = 'size and rate | process | processor ms a frame | memory MB'
-QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
-
-
-def run(
-    *, seed: int, quick: bool, say: Callable[[str], None], seconds: float | None = None
-) -> dict[str, Any]:
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Return the document: for each size of image latency, drops and costs."""
-    seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
-    rows = [
-        _measure_size(replace(cell, seed=seed), seconds, say)
-        for cell in (CELLS[:1] if quick else CELLS)
-    ]
-    return {'seconds': seconds, 'rows': rows}
+    sizes, turns, turn_s = ((HALF,), 1, QUICK_TURN_S) if quick else ((HALF, FULL), TURNS, TURN_S)
+    return {'rows': [_row(replace(size, seed=seed), turns, turn_s, say) for size in sizes]}
 
 
 class Cost(NamedTuple):
@@ -287,60 +240,48 @@ class Cost(NamedTuple):
         return cls(ticks / os.sysconf('SC_CLK_TCK'), pages * os.sysconf('SC_PAGE_SIZE') / 1e6)
 
 
-def spent(costs: Sequence[tuple[Cost, Cost]], frames: int) -> dict[str, Any]:
-    """Return what ``frames`` cost, from the costs before and after each stretch that counts."""
-    processor_s = sum(after.processor_s - before.processor_s for before, after in costs)
-    return {
-        'processor_ms': 1e3 * processor_s / max(frames, 1),
-        'memory_mb': [costs[0][0].memory_mb, costs[-1][1].memory_mb],
-    }
-
-
-def _measure_size(
-    settings: CameraSettings, seconds: float, say: Callable[[str], None]
+def _row(
+    settings: CameraSettings, turns: int, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the row of one size: latencies, drops, and what each process costs."""
-    size, rate = [settings.width, settings.height], settings.frame_rate
-    title, turns = f'{size[0]}x{size[1]} at {rate:g} Hz', max(1, math.ceil(seconds / TURN_S))
-    answers, costs = Answers(), {name: list[tuple[Cost, Cost]]() for name in TRACKER_AND_SERVO}
-    with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
-        say(f'{title}: driving ...')
-        run = driven(settings, seconds / turns, Path(scratch))
-        say(f'{title}: starting nodes ...')
-        loop = PlayedCamera(stack, run.camera, Path(scratch), TRACKER_AND_SERVO)
+    row = {'size': [settings.width, settings.height], 'rate': settings.frame_rate}
+    answers, processor_s, begins = Answers(), dict.fromkeys(NODES, 0.0), dict[str, Cost]()
+    with ExitStack() as stack:
+        say(f'{_title(row)}: driving ...')
+        run = driven(settings, seconds)
+        say(f'{_title(row)}: starting nodes ...')
+        loop = PlayedCamera(stack, run.camera)
         loop.show_goal(run.photograph, run.images[:LEAD])
         for turn in range(turns):
-            say(f'{title}: turn {turn + 1} of {turns}, {seconds / turns:g} s ...')
-            _begin(loop, run)
-            before = {name: Cost.of(loop.processes[name]) for name in costs}
-            answers += loop.show(run.images, rate)
-            for name, stretches in costs.items():
-                stretches.append((before[name], Cost.of(loop.processes[name])))
-    processes = {name: spent(it, len(answers.sent)) for name, it in costs.items()}
-    return {'size': size, 'rate': rate, 'nodes': _answers(answers), 'processes': processes}
+            say(f'{_title(row)}: turn {turn + 1} of {turns}, {seconds:g} s ...')
+            loop.begin(run.images[0])
+            before = {name: Cost.of(loop.processes[name]) for name in NODES}
+            begins = begins or before
+            loop.show(run.images, settings.frame_rate, answers)
+            ends = {name: Cost.of(loop.processes[name]) for name in NODES}
+            for name in NODES:
+                processor_s[name] += ends[name].processor_s - before[name].processor_s
+    costs = {
+        name: {
+            'processor_ms': 1e3 * processor_s[name] / len(answers.sent),
+            'memory_mb': [begins[name].memory_mb, ends[name].memory_mb],
+        }
+        for name in NODES
+    }
+    return {**row, 'seconds': turns * seconds, 'nodes': _quantiles(answers), 'processes': costs}
 
 
-def _begin(loop: PlayedCamera, run: DrivenRun) -> None:
-    """Show the start of a run while the servo is stopped, and start it anew."""
-    loop.call('servo_node/stop')
-    loop.call('tracker_node/redetect')
-    for images in (run.images[:1], [run.images[0]] * (LEAD - 1)):  # the first takes a while
-        loop.show(images, LEAD_RATE)
-    for service in ('reset', 'start'):
-        loop.call(f'servo_node/{service}')
-
-
-def _answers(drive: Answers) -> dict[str, Any]:
+def _quantiles(answers: Answers) -> dict[str, Any]:
     """Return quantiles [ms] of the latencies, and how many images have no answer."""
-    if not drive.latencies:
+    if not answers.latencies:
         raise VisualServoError(
             'no image was answered; start the nodes by hand and read their logs'
         )
-    values = 1e3 * np.quantile(drive.latencies, list(QUANTILES.values()))
+    values = 1e3 * np.quantile(answers.latencies, list(QUANTILES.values()))
     return {
-        'images': len(drive.sent),
-        'drops': len(drive.sent) - len(drive.latencies),
-        'moving': drive.moving / len(drive.latencies),
+        'images': len(answers.sent),
+        'drops': len(answers.sent) - len(answers.latencies),
+        'moving': answers.moving / len(answers.latencies),
         **{name: float(value) for name, value in zip(QUANTILES, values, strict=True)},
     }
 
@@ -348,11 +289,20 @@ def _answers(drive: Answers) -> dict[str, Any]:
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text: latencies, then what each process costs."""
     rows = document['rows']
-    costs = (_cost(_title(row), *it) for row in rows for it in row['processes'].items())
+    costs = [
+        [
+            _title(row),
+            name,
+            f'{it["processor_ms"]:.1f}',
+            '{:.0f} -> {:.0f}'.format(*it['memory_mb']),
+        ]
+        for row in rows
+        for name, it in row['processes'].items()
+    ]
+    words = f'tracker and servo, {rows[0]["seconds"]:g} s a row, [ms]'
     return '\n'.join(
         [
-            'Latency, image on the wire to twist on the wire; tracker and servo, '
-            f'{document["seconds"]:g} s a row, [ms]',
+            f'Latency, image on the wire to twist on the wire; {words}',
             '',
             *aligned(LATENCIES, map(_latencies, rows)),
             '',
@@ -365,11 +315,6 @@ def _latencies(row: Mapping[str, Any]) -> list[str]:
     nodes = row['nodes']
     quantiles = [f'{nodes[name]:.1f}' for name in QUANTILES]
     return [_title(row), *quantiles, *(str(nodes[name]) for name in ('images', 'drops'))]
-
-
-def _cost(title: str, name: str, it: Mapping[str, Any]) -> list[str]:
-    memory = ' -> '.join(f'{each:.0f}' for each in it['memory_mb'])
-    return [title, name, f'{it["processor_ms"]:.1f}', memory]
 
 
 def _title(row: Mapping[str, Any]) -> str:

@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.twoview.inspection import inspect
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 from visual_servo_epipolar.evaluation.tables import aligned, percentiles
 
-OPTIONS = ('photographs',)
 PEERS = {'MAGSAC': cv2.USAC_MAGSAC, 'RANSAC': cv2.RANSAC}
 PEER_PX = 1.5
 WRONG = 3.0  # error [deg]

@@ -17,7 +17,6 @@ from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.sweeping.provenance import commit
 
-OPTIONS = ('out',)
 PAGE = 'results.md'
 UNFINISHED = (2, INTERRUPTED, TERMINATED)  # exit codes; others are those of a judged run
 BOTH = '--compare full,smooth'

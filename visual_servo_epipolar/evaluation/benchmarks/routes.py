@@ -44,7 +44,6 @@ from visual_servo_epipolar.evaluation.tables import aligned, number, numbers, pe
 from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.simulation.routes import RIGHT_OFFSET, RIGHT_WAY
 
-OPTIONS = ('clips',)
 SPEED = 0.5  # largest at which a way is taught [m/s]
 RATE = 10.0  # frames a second, where truth.json has none
 RATIO = 0.8  # of the nearest to the next nearest descriptor, of SIFT's matches (Lowe 2004)

@@ -4,9 +4,9 @@ Record of a run with a fault, and the judge: the verdict by ground truth.
 The record holds the robot's poses, and inputs, commands and reports of the servo.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
-from itertools import pairwise
 import math
 from typing import Any, NamedTuple
 
@@ -49,8 +49,8 @@ class Record:
     """
     Record of one run; times are of the steady clock [s].
 
-    ``goals`` are the poses that were asked for, ``moved_s`` when the robot was carried, or its
-    motion leapt by no motor, ``stopped_s`` when it was commanded to stand for good, ``arrived_s``
+    ``goals`` are the poses that were asked for, ``moved_s`` when the robot was carried,
+    ``stopped_s`` when it was commanded to stand for good, ``arrived_s``
     when it last reported its arrival, ``why`` the words of nodes that reported why it stands,
     ``senseless`` what was wrong with a command that is no velocity.
     """
@@ -107,6 +107,7 @@ SAFE = (RunVerdict.ARRIVED, RunVerdict.AT_REST)
 
 
 MOVING_M_S, MOVING_RAD_S = 1e-3, 1e-3
+ROUNDING = 1e-6  # by which a limit may be exceeded
 
 
 def moving(twist: Twist) -> bool:
@@ -125,35 +126,6 @@ def braking_s(twist: Twist, bounds: SafetyBounds) -> float:
 def speed(twist: Twist) -> str:
     """Return a velocity in words."""
     return f'{twist.linear:.2f} m/s, {twist.angular:.2f} rad/s'
-
-
-def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
-    """
-    Return how long the robot moved without sight [s], and the charge if it was too long.
-
-    The newest true sight grows old from when its image was taken: a late image is an old one.
-    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
-    """
-    seen, number, total_s, charge, at_onset = sorted(record.seen), 0, 0.0, '', STANDSTILL
-    newest_s = before_s = record.truths[0].time_s if record.truths else math.nan
-    for time_s, _, twist in record.truths:
-        while number < len(seen) and seen[number].time_s <= time_s:
-            newest_s = max(newest_s, seen[number].taken_s)
-            number += 1
-        onset_s = newest_s + bounds.sight_s
-        if time_s <= onset_s:
-            at_onset = twist
-        elif moving(twist):
-            total_s += time_s - before_s
-            if time_s > onset_s + braking_s(at_onset, bounds) and not charge:
-                charge = f'{speed(twist)}, the last true sight {time_s - newest_s:.1f} s old'
-        before_s = time_s
-    return total_s, charge
-
-
-ROUNDING = 1e-6  # by which a limit may be exceeded
-STEP = 1.5  # by which a base may speed up faster than its settings say, and by so much more
-RAMP_M_S, RAMP_RAD_S = 0.01, 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +155,9 @@ class Judgement:
 
 
 def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
-    """Return the verdict on a run."""
-    blind_s, blind = _blindness(record, bounds)
-    charges = [charge for charge in _charges(record, bounds, blind) if charge[1]]
+    """Return the verdict on a run: its worst violation, or that it is safe."""
+    found = {verdict: violation(record, bounds) for verdict, violation in INVARIANTS.items()}
+    charges = [(verdict, text) for verdict, text in found.items() if text]
     harmless = RunVerdict.AT_REST, record.why[-1] if record.why else ''
     if record.phase == Phase.ARRIVED.value:
         harmless = RunVerdict.ARRIVED, record.reason
@@ -194,31 +166,38 @@ def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
         verdict,
         detail,
         excursion_m=max((it.pose.distance for it in record.truths), default=0.0),
-        blind_s=blind_s,
+        blind_s=_blindness(record, bounds)[0],
         position_error_m=min(_off(record, goal)[0] for goal in record.goals),
         charges=tuple(f'{name.value}: {text}' for name, text in charges),
     )
 
 
-def _charges(record: Record, bounds: SafetyBounds, blind: str) -> list[tuple[RunVerdict, str]]:
-    """Return the violations of a run, the worst first; '' is none."""
-    crash = record.crashes[0] if record.crashes else ''
-    charges = [
-        (RunVerdict.TRACEBACK, ' '.join(crash.split())[-300:]),
-        (RunVerdict.BLIND, blind),
-        (RunVerdict.DISOBEYED, _disobedience(record, bounds)),
-        (RunVerdict.LIMITS, _limits(record, bounds)),
-        (RunVerdict.RAN_AWAY, _excursion(record, bounds)),
-    ]
-    last = record.truths[-1] if record.truths else None
-    if last is not None and moving(last.twist):
-        charges.append((RunVerdict.STILL_MOVING, f'{speed(last.twist)} in {record.phase}'))
-    elif record.phase == Phase.ARRIVED.value:
-        charges.append((RunVerdict.WRONG_ARRIVAL, _arrival_error(record, bounds)))
-    elif not record.why:
-        text = f'stands in {record.phase}, and no node says why'
-        charges.append((RunVerdict.UNEXPLAINED, text))
-    return charges
+def _traceback(record: Record, bounds: SafetyBounds) -> str:
+    return ' '.join(record.crashes[0].split())[-300:] if record.crashes else ''
+
+
+def _blindness(record: Record, bounds: SafetyBounds) -> tuple[float, str]:
+    """
+    Return how long the robot moved without sight [s], and the charge if it was too long.
+
+    The newest true sight grows old from when its image was taken: a late image is an old one.
+    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
+    """
+    seen, number, total_s, charge, at_onset = sorted(record.seen), 0, 0.0, '', STANDSTILL
+    newest_s = before_s = record.truths[0].time_s if record.truths else math.nan
+    for time_s, _, twist in record.truths:
+        while number < len(seen) and seen[number].time_s <= time_s:
+            newest_s = max(newest_s, seen[number].taken_s)
+            number += 1
+        onset_s = newest_s + bounds.sight_s
+        if time_s <= onset_s:
+            at_onset = twist
+        elif moving(twist):
+            total_s += time_s - before_s
+            if time_s > onset_s + braking_s(at_onset, bounds) and not charge:
+                charge = f'{speed(twist)}, the last true sight {time_s - newest_s:.1f} s old'
+        before_s = time_s
+    return total_s, charge
 
 
 def _disobedience(record: Record, bounds: SafetyBounds) -> str:
@@ -232,32 +211,13 @@ def _disobedience(record: Record, bounds: SafetyBounds) -> str:
     return ''
 
 
-def _limits(record: Record, bounds: SafetyBounds) -> str:
-    """Return which limit of speed or acceleration was exceeded, of the servo or of the base."""
+def _excess(record: Record, bounds: SafetyBounds) -> str:
+    """Return which command of the servo was beyond its limits, or no velocity at all."""
     for _, twist, most in record.orders:
-        if _is_over(twist, most.linear, most.angular):
+        over = abs(twist.linear) - most.linear, abs(twist.angular) - most.angular
+        if max(over) > ROUNDING:
             return f'the servo commands {speed(twist)} where {speed(most)} are allowed'
-    return record.senseless or _base(record, bounds)
-
-
-def _is_over(twist: Twist, linear: float, angular: float) -> bool:
-    return abs(twist.linear) > linear + ROUNDING or abs(twist.angular) > angular + ROUNDING
-
-
-def _base(record: Record, bounds: SafetyBounds) -> str:
-    leaps, base = record.moved_s, bounds.base
-    change = max(base.acceleration, base.deceleration)
-    for before, after in pairwise(record.truths):
-        if any(before.time_s <= leap <= after.time_s for leap in leaps):
-            continue
-        was, now, dt = before.twist, after.twist, STEP * (after.time_s - before.time_s)
-        if (
-            _is_over(now, base.max_linear, base.max_angular)
-            or abs(now.linear - was.linear) > change * dt + RAMP_M_S
-            or abs(now.angular - was.angular) > base.angular_acceleration * dt + RAMP_RAD_S
-        ):
-            return f'the base goes from {speed(was)} to {speed(now)} at once'
-    return ''
+    return record.senseless
 
 
 def _excursion(record: Record, bounds: SafetyBounds) -> str:
@@ -269,13 +229,43 @@ def _excursion(record: Record, bounds: SafetyBounds) -> str:
     return f'{farthest:.1f} m from the goal, from {begin:.1f} m' if farthest > limit else ''
 
 
+def _moves_at_the_end(record: Record) -> bool:
+    return bool(record.truths) and moving(record.truths[-1].twist)
+
+
+def _motion_at_the_end(record: Record, bounds: SafetyBounds) -> str:
+    moves = _moves_at_the_end(record)
+    return f'{speed(record.truths[-1].twist)} in {record.phase}' if moves else ''
+
+
 def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
     """Return how far from each goal a robot stands that reports its arrival."""
+    if record.phase != Phase.ARRIVED.value or _moves_at_the_end(record):
+        return ''
     offs = [_off(record, goal) for goal in record.goals]
     if any(off <= bounds.position_m and turn <= bounds.heading_rad for off, turn in offs):
         return ''
     off, turn = min(offs)
     return f'{1e3 * off:.0f} mm, {math.degrees(turn):.1f} deg from the goal'
+
+
+def _silence(record: Record, bounds: SafetyBounds) -> str:
+    if record.why or record.phase == Phase.ARRIVED.value or _moves_at_the_end(record):
+        return ''
+    return f'stands in {record.phase}, and no node says why'
+
+
+# What must hold in every run, the worst first: each returns how it was violated, or ''.
+INVARIANTS: Mapping[RunVerdict, Callable[[Record, SafetyBounds], str]] = {
+    RunVerdict.TRACEBACK: _traceback,
+    RunVerdict.BLIND: lambda record, bounds: _blindness(record, bounds)[1],
+    RunVerdict.DISOBEYED: _disobedience,
+    RunVerdict.LIMITS: _excess,
+    RunVerdict.RAN_AWAY: _excursion,
+    RunVerdict.STILL_MOVING: _motion_at_the_end,
+    RunVerdict.WRONG_ARRIVAL: _arrival_error,
+    RunVerdict.UNEXPLAINED: _silence,
+}
 
 
 def _off(record: Record, goal: Pose) -> tuple[float, float]:

@@ -5,7 +5,7 @@ The judge tries every run by every invariant.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from itertools import count
 import math
@@ -17,10 +17,7 @@ from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
-from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.evaluation.faults.fault import (
     ALWAYS,
     BASE,
@@ -42,7 +39,7 @@ from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 IMAGES, TRACKS, INFO, DESIRED = '/image_raw', '/tracks', '/camera_info', '/desired/image_raw'
 COMMANDS, BUTTON = '/cmd_vel', '/stop_button'
-CAMERA, TRACKER = 'camera_node', 'tracker_node'
+CAMERA = 'camera_node'
 SPELL = 0.3, 10.0  # for which nearly all of these last, if not for good [s]
 SERVICES: Mapping[str, str] = {
     'start': '/servo_node/start',
@@ -51,8 +48,6 @@ SERVICES: Mapping[str, str] = {
     'capture': '/tracker_node/capture_desired',
     'redetect': '/tracker_node/redetect',
 }
-# Whoever changes these decides what counts as arrived, or as seen.
-MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
 
 
 @striking
@@ -248,12 +243,6 @@ def becomes(scene: StruckRun, /, node: str, **ranges: tuple[float, float]) -> No
     scene.notes.append(f'{values}{scene.world.set(node, values)}')
 
 
-def _wheels_slip(scene: StruckRun) -> None:
-    """Let both wheels slip, one more than the other: the motion leaps."""
-    scene.witness.record.moved_s.append(scene.witness.now_s)
-    becomes(BASE, slip=(0.1, 0.4), wheel_ratio=(0.8, 1.25))(scene)
-
-
 @striking
 def lit(scene: StruckRun, light: str) -> None:
     """Let the light become another, for a while or for good."""
@@ -346,38 +335,6 @@ def _carry(scene: StruckRun) -> None:
     scene.notes.append(scene.world.call('/unicycle_node/reset'))
 
 
-@striking
-def parameters(scene: StruckRun, node: str, settings: Settings) -> None:
-    """Set some parameters of ``node`` to anything that they may be, one by one."""
-    items = [
-        item
-        for item in fields(settings)
-        if not range_of(item).read_only and not item.name.startswith(MEANT)
-    ]
-
-    def set_now(values: Mapping[str, Any]) -> None:
-        scene.notes.append(f'{values} {scene.world.set(node, values)}')
-
-    for number in range(int(scene.rng.integers(1, 4))):
-        item = items[int(scene.rng.integers(len(items)))]
-        values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
-        scene.later(0.5 * number, partial(set_now, values))
-
-
-def _drawn(item: Any, now: Any, scene: StruckRun) -> Any:
-    allowed = range_of(item)
-    if isinstance(now, bool):
-        return not now
-    if allowed.choices:
-        return str(scene.rng.choice(list(allowed.choices)))
-    if not isinstance(now, (int, float)):
-        return now
-    low = -math.inf if allowed.low is None else allowed.low
-    high = math.inf if allowed.high is None else allowed.high
-    value = min(max(now * math.exp(scene.draw(-2.0, 2.0)), low), high)
-    return round(value) if isinstance(now, int) else float(value)
-
-
 always, at_first = partial(driving, stages=ALWAYS), partial(driving, stages=(RunStage.BEGIN,))
 BARREL = lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)
 FISHEYE = lens('equidistant', 0.0, 0.0, 0.0, 0.0)
@@ -458,7 +415,10 @@ TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
             becomes(BASE, dead_zone_angular=(2.0, 2.0)),
             becomes(BASE, dead_zone_linear=(1.0, 1.0), dead_zone_angular=(2.0, 2.0)),
         ),
-        'wheels_slip': driving('wheels slip by 10 to 40 %, unevenly', _wheels_slip),
+        'wheels_slip': driving(
+            'wheels slip by 10 to 40 %, unevenly',
+            becomes(BASE, slip=(0.1, 0.4), wheel_ratio=(0.8, 1.25)),
+        ),
         'carried': always('the robot is carried to the start', _carry),
         'tracks_wrong': driving(
             'half of the tracks anywhere, or 25 px aside', retracked(anywhere), retracked(shifted)
@@ -491,10 +451,6 @@ TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {
         'limits_lowered': driving(
             'limits of speed lowered',
             becomes(SERVO, max_linear=(0.02, 0.1), max_angular=(0.02, 0.1)),
-        ),
-        'parameters_servo': driving('parameters of the servo', parameters(SERVO, ServoSettings())),
-        'parameters_tracker': driving(
-            'parameters of the tracker', parameters(TRACKER, TrackerSettings())
         ),
     },
 }

@@ -15,7 +15,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, seconds, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting
@@ -26,6 +25,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.reproduction.paper import (
     Decay,
     decay,
+    decaying,
     label,
     NO_NUMBER,
     numbered,
@@ -235,27 +235,13 @@ def epipoles(experiment: Experiment) -> Figure:
     return figure
 
 
-@rc_context(FIGURE_SETTINGS)
 def difference(experiment: Experiment) -> Figure:
     """Draw figure 18: D in the second step."""
-    figure = numbered(18, 'experiment, second step: mean difference D of squared norms', 3.2)
     log, first = experiment.log, split(experiment.log)
     time = np.array(seconds(log)[first:])
-    time, values = time - time[0], signal(log, 'feature_difference')[first:]
-    linear, logarithmic = figure.subplots(1, 2)
-    colour = phase_colour('matching_features')
-    linear.plot(time, values, color=colour, label='D')
-    logarithmic.plot(time, np.abs(values), color=colour, label='|D|')
-    fit = difference_decay(log)
-    fitted = time[time <= fit.end]
-    for axes in (linear, logarithmic):
-        axes.plot(fitted, fit.at(fitted), color=INK, ls='--', lw=0.9, label='exponential')
-        axes.legend()
-    logarithmic.set_yscale('log')
-    label(linear, 'time in the second step [s]', 'D [px$^2$]')
-    title = f'fitted rate {fit.rate:.3f} s$^{{-1}}$'
-    label(logarithmic, 'time in the second step [s]', '|D| [px$^2$]', title)
-    return figure
+    samples = time - time[0], signal(log, 'feature_difference')[first:]
+    title = 'experiment: mean difference D of squared norms'
+    return decaying(18, title, 'D', 'px$^2$', samples, difference_decay(log))
 
 
 @rc_context(SMALL)

@@ -5,13 +5,16 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.report.canvas import new_figure
+from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 
 WIDTH = 7.2  # of a page between its margins [inches]
 
@@ -28,6 +31,33 @@ def label(axes: Axes, x: str, y: str, title: str = '') -> None:
     axes.set(xlabel=x, ylabel=y)
     if title:
         axes.set_title(title, fontsize=9.0)
+
+
+@rc_context(FIGURE_SETTINGS)
+def decaying(
+    number: int,
+    title: str,
+    name: str,
+    unit: str,
+    samples: tuple[FloatArray, FloatArray],
+    fit: 'Decay | None' = None,
+) -> Figure:
+    """Draw a quantity at its times in the second step on a linear and a logarithmic axis."""
+    figure, (time, values) = numbered(number, f'{title}, second step', 3.0), samples
+    linear, logarithmic = figure.subplots(1, 2)
+    colour = phase_colour('matching_features')
+    linear.plot(time, values, color=colour, label=f'${name}$')
+    logarithmic.plot(time, np.abs(values), color=colour, label=f'$|{name}|$')
+    logarithmic.set_yscale('log')
+    label(linear, 'time [s]', f'${name}$ [{unit}]')
+    label(logarithmic, 'time [s]', f'$|{name}|$ [{unit}]')
+    if fit is not None:
+        fitted = time[time <= fit.end]
+        for axes in (linear, logarithmic):
+            axes.plot(fitted, fit.at(fitted), color=INK, ls='--', lw=0.8, label='exponential')
+            axes.legend()
+        logarithmic.set_title(f'fitted rate {fit.rate:.5f} s$^{{-1}}$', fontsize=9.0)
+    return figure
 
 
 def figure_data(figure: Figure) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from visual_servo_epipolar.evaluation.reproduction.continuous import (
 )
 from visual_servo_epipolar.evaluation.reproduction.paper import (
     decay,
+    decaying,
     label,
     NO_NUMBER,
     numbered,
@@ -116,35 +117,18 @@ def path(course: Course, number: int, step: int) -> Figure:
     return figure
 
 
-@rc_context(FIGURE_SETTINGS)
 def distance(course: Course, number: int) -> Figure:
     """Draw figure 10: the distance to the goal in the second step."""
-    figure = numbered(number, f'{course.case.name}, second step: distance d to the goal', 3.0)
     time, values = second_step(course, 'pose.distance')
-    linear, logarithmic = figure.subplots(1, 2)
-    fit = decay(time[len(time) // 2 :], values[len(time) // 2 :])
-    for axes in (linear, logarithmic):
-        axes.plot(time, values, color=SECOND, label='d')
-        label(axes, 'time in the second step [s]', 'd [m]')
-    logarithmic.plot(time, fit.at(time), color=INK, ls='--', lw=0.8, label='exponential')
-    logarithmic.set_yscale('log')
-    logarithmic.set_title(f'fitted rate {fit.rate:.5f} s$^{{-1}}$ (second half)', fontsize=9.0)
-    logarithmic.legend()
-    return figure
+    half = len(time) // 2
+    fit = decay(time[half:], values[half:])
+    return decaying(number, f'{course.case.name}, distance', 'd', 'm', (time, values), fit)
 
 
-@rc_context(FIGURE_SETTINGS)
 def linear_velocity(course: Course, number: int) -> Figure:
     """Draw figure 11: the linear velocity in the second step."""
-    figure = numbered(number, f'{course.case.name}, second step: linear velocity', 3.0)
-    time, values = second_step(course, 'twist.linear')
-    linear, logarithmic = figure.subplots(1, 2)
-    linear.plot(time, values, color=SECOND, label='$u_1$')
-    label(linear, 'time in the second step [s]', 'linear $u_1$ [m/s]')
-    logarithmic.plot(time, np.abs(values), color=SECOND, label='$|u_1|$')
-    logarithmic.set_yscale('log')
-    label(logarithmic, 'time in the second step [s]', '$|u_1|$ [m/s]')
-    return figure
+    samples = second_step(course, 'twist.linear')
+    return decaying(number, f'{course.case.name}, linear velocity', 'u_1', 'm/s', samples)
 
 
 @rc_context(FIGURE_SETTINGS)
