@@ -273,9 +273,11 @@ def test_a_run_comes_back_to_the_last_bit(log, tmp_path) -> None:
 
 
 def test_what_was_not_measured_is_null_not_nan(log, tmp_path) -> None:
-    text = save_run(RunFile(log), tmp_path).read_text()
+    first, *others = log.samples
+    blind = replace(log, samples=[replace(first, feature_error=math.nan), *others])
+    text = save_run(RunFile(blind), tmp_path).read_text()
     assert 'NaN' not in text
-    assert None in json.loads(text)['samples']['distance_estimate']
+    assert json.loads(text)['samples']['feature_error'][0] is None
 
 
 def test_a_missing_file_is_reported(tmp_path) -> None:
@@ -292,6 +294,7 @@ def test_a_missing_file_is_reported(tmp_path) -> None:
         ({'start': [1, 2]}, 'not enough values'),
         ({'start': 'abc'}, 'could not convert'),
         ({'settings': 3}, 'not a run'),
+        ({'limits': {'speed': 1.0}}, 'not a run'),
     ],
 )
 def test_another_document_is_refused(log, tmp_path, change, reason) -> None:

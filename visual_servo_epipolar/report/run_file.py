@@ -5,7 +5,7 @@ Numbers are written so that they come back to the last bit; what could not be me
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 import json
 import math
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.registry import phase_named
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.run_log import MotionLimits, RunLog, Sample
 from visual_servo_epipolar.files import whole
 
 FILE = 'run.json'
@@ -78,6 +78,7 @@ def _document(run: RunFile) -> dict[str, Any]:
         'settings': {part: dict(values) for part, values in run.settings.items()},
         'start': list(run.log.start),
         'field_of_view': run.log.field_of_view,
+        'limits': None if run.log.limits is None else asdict(run.log.limits),
         **{name: getattr(run.log, name) for name in HEAD},
         'samples': {
             'stamp_ns': [item.stamp_ns for item in samples],
@@ -104,7 +105,9 @@ def _run(document: Mapping[str, Any]) -> RunFile:
     head = {name: document[name] for name in HEAD}
     angle = document.get('field_of_view')
     view = None if angle is None else float(angle)
-    log = RunLog(start=(x, y, heading), samples=samples, field_of_view=view, **head)
+    given = document.get('limits')
+    limits = None if given is None else MotionLimits(**{it: float(given[it]) for it in given})
+    log = RunLog((x, y, heading), samples=samples, field_of_view=view, limits=limits, **head)
     return RunFile(log, dict(document['settings']), dict(document['versions']))
 
 
