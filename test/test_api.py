@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 from bagmaker import write_bag
-import cv2
+from inspected import kept, SMALL
 import pytest
 
 from visual_servo_epipolar import api
@@ -16,8 +16,6 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 START = (0.5, -3.0, 5.0)
-SIZE = {'width': 320, 'height': 256, 'focal_length': 192.3}
-SIZE |= {'principal_u': 158.4, 'principal_v': 127.6}
 
 
 def test_every_public_name_is_there_and_documented() -> None:
@@ -56,15 +54,9 @@ def test_a_bag_is_replayed_with_other_settings(small_run, tmp_path: Path) -> Non
 
 
 def test_photographs_are_inspected_from_files(tmp_path: Path) -> None:
-    world = CameraSimulator(CameraSettings(**SIZE))
-    images = {'goal': world.photograph(), 'now': world.capture(Pose.from_start(*START), 0)}
-    for name, image in images.items():
-        assert cv2.imwrite(str(tmp_path / f'{name}.png'), image)
-    matrix = [192.3, 0, 158.4, 0, 192.3, 127.6, 0, 0, 1]
-    (tmp_path / 'camera.yaml').write_text(
-        f'image_width: 320\nimage_height: 256\ncamera_matrix: {{data: {matrix}}}\n'
-        'distortion_model: plumb_bob\ndistortion_coefficients: {data: [0, 0, 0, 0, 0]}\n'
-    )
+    world = CameraSimulator(CameraSettings(**SMALL))
+    now = world.capture(Pose.from_start(*START), 0)
+    kept(tmp_path, {'goal': world.photograph(), 'now': now})
     found = api.inspect(*(tmp_path / name for name in ('goal.png', 'now.png', 'camera.yaml')))
     assert found.trusted, found.reason
 

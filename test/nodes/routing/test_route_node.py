@@ -322,13 +322,9 @@ def test_a_head_that_may_turn_is_refused(bench, folder) -> None:
     'name',
     [
         'backward',
-        'odometry ends early',
         'odometry is reset',
-        'odometry is silent',
-        'two sources 4 cm apart',
         'two frames',
         'one that hangs for a while',
-        'images since boot',
         'a bag in a loop',
     ],
 )
@@ -338,7 +334,7 @@ def test_no_route_comes_of(bench, tmp_path: Path, name: str) -> None:
     rig.see(room_drive().images[0].image)
     success, text = rig.record(befallen(change))
     assert not success and words in text
-    ruptured = name in ('odometry is reset', 'odometry is silent') or name.startswith('two')
+    ruptured = name in ('odometry is reset', 'two frames')
     assert ('look at what publishes it: /probe' in text) is ruptured
     assert not (tmp_path / 'hall').exists()
 

@@ -203,12 +203,12 @@ def changed(key, value):
         keep=(0, 1, 2, 3, 7, 9, 13, 22),
     ),
 )
-def test_a_broken_one_is_one_line_at_the_start(bench, simulator, tmp_path, damage, reason) -> None:
+def test_a_broken_one_is_one_line(simulator, tmp_path, damage, reason) -> None:
     path = tmp_path / 'goal.yaml'
     keep(path, Photograph(simulator.photograph(), simulator.camera))
     damage(path)
     with pytest.raises(ValueError, match='cannot be used') as caught:
-        bench.start(TrackerNode, photograph=str(path))
+        load(path)
     assert reason in str(caught.value)
     assert '\n' not in str(caught.value)
     assert str(caught.value).endswith('; move it away, and capture anew')

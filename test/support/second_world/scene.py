@@ -13,6 +13,8 @@ import string
 import cv2
 import numpy as np
 
+from visual_servo_epipolar.core.cameras.pinhole import Camera
+
 TEXEL = 0.005  # [m]
 NEAR = 0.1  # [m]
 SUBPIXEL = 4  # bits of the corners of a panel
@@ -103,50 +105,23 @@ def workshop(seed: int) -> tuple[list[Panel], list[Panel]]:
     return room, [face for (x, y), size in stands for face in box(rng, x, y, size)]
 
 
-@dataclass(frozen=True, eq=False)
-class Lens:
-    """Image size and focal length [px], principal point, and k1 k2 p1 p2 as Brown has them."""
-
-    size: tuple[int, int]
-    focal: float
-    centre: tuple[float, float]
-    coefficients: tuple[float, float, float, float]
-
-    def distorted(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        k1, k2, p1, p2 = self.coefficients
-        r2 = x * x + y * y
-        radial = 1.0 + r2 * (k1 + k2 * r2)
-        return (
-            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-        )
-
-    def ideal_points(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return where, on the image plane, each pixel looks: fixed points of the distortion."""
-        u, v = np.meshgrid(*(np.arange(length, dtype=float) for length in self.size))
-        x0, y0 = (u - self.centre[0]) / self.focal, (v - self.centre[1]) / self.focal
-        x, y = x0.copy(), y0.copy()
-        for _ in range(50):
-            dx, dy = self.distorted(x, y)
-            x, y = x + x0 - dx, y + y0 - dy
-        return x, y
-
-
 class Painter:
     """Takes pictures of a room: an ideal canvas with a rim, seen through the lens, with noise."""
 
     RIM = 40  # [px]
 
-    def __init__(self, lens: Lens, seed: int) -> None:
+    def __init__(self, camera: Camera, seed: int) -> None:
         self._room, self._things = workshop(seed)
-        width, height = lens.size
+        width, height = camera.width, camera.height
         self._size = width + 2 * self.RIM, height + 2 * self.RIM
         middle = 0.5 * self._size[0], 0.5 * self._size[1]
-        self._matrix = np.diag([lens.focal, lens.focal, 1.0])
+        self._matrix = np.diag([camera.fx, camera.fx, 1.0])
         self._matrix[:2, 2] = middle
-        x, y = lens.ideal_points()
-        self._map_u = (lens.focal * x + middle[0]).astype(np.float32)
-        self._map_v = (lens.focal * y + middle[1]).astype(np.float32)
+        pixels = np.stack(np.meshgrid(np.arange(float(width)), np.arange(float(height))), axis=-1)
+        x, y, z = camera.rays(pixels.reshape(-1, 2)).T.reshape(3, height, width)
+        x, y = x / z, y / z
+        self._map_u = (camera.fx * x + middle[0]).astype(np.float32)
+        self._map_v = (camera.fx * y + middle[1]).astype(np.float32)
         self._light = (1.0 - 0.25 * (x * x + y * y)).astype(np.float32)
         rng = np.random.default_rng(seed + 1)
         self._noise = rng.normal(0.0, 1.5, (height + 97, width + 97)).astype(np.float32)
