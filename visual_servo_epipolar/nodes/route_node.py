@@ -88,7 +88,6 @@ class RouteNode(ManagedNode):
         self._recording: RouteRecording | None = None
         self._renewal = RouteRenewal(self.get_logger())
         self._taught: Route | None = None  # and not written yet
-        self._pending: Image | CompressedImage | None = None
         self._camera = ServoCamera(self, settings, self._warn)
         self._driven = DrivenPath(self, self._warn_of_path, settings, self._on_odometry)
         self._reports = RouteReports(self)
@@ -119,7 +118,6 @@ class RouteNode(ManagedNode):
         """Stop the robot; a way that is being recorded is lost, which is logged."""
         self._stop('deactivated')
         self._repetition.wait()
-        self._pending = None
         if self._recording is not None:
             self.get_logger().warning('the recording of a way is given up')
             self._recording.close()
@@ -166,9 +164,6 @@ class RouteNode(ManagedNode):
         trouble = self._foreign
         if trouble:
             self._repetition.fail(trouble)
-        pending, self._pending = self._pending, None
-        if pending is not None and self._camera.model is not None:
-            self._on_image(pending)
 
     @property
     def _foreign(self) -> str:
@@ -197,7 +192,6 @@ class RouteNode(ManagedNode):
         self._inputs.compare_frames(message.header.frame_id)
         by_info = self._node_settings.projection == CAMERA_INFO
         if by_info and self._camera.model is None:
-            self._pending = message
             self._warn(self._camera.missing)
             return
         try:

@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from lifecycles import go
 from nav_msgs.msg import Path as PathMessage
 import numpy as np
 import pytest
@@ -182,16 +181,6 @@ def test_a_repetition_that_is_cancelled_stands(driving) -> None:
     driving.see(picture(9))
     driving.bench.settle()
     assert driving.stands and driving.node.phase == 'waiting'
-
-
-def test_an_image_that_waits_for_its_camera_is_forgotten_by_an_inactive_node(
-    bench, folder
-) -> None:
-    rig = RouteRig(bench, folder, None)
-    rig.see(picture(0))
-    go(bench, rig.node, 'deactivate')
-    rig.calibrate(CAMERA)
-    assert (rig.node.received, rig.node._camera.model) == (1, CAMERA)
 
 
 def test_a_node_that_ends_tells_the_base_to_stand(driving) -> None:

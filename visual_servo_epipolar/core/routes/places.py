@@ -8,6 +8,7 @@ it is by far the nearest; of the shortlist, a geometry must pass.
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
+from operator import itemgetter
 
 import numpy as np
 
@@ -178,16 +179,15 @@ class PlaceFinder:
 
     def _beside(self, number: int, pose: FloatArray) -> PathPoint:
         """Return where a pose in axes of a key view is beside the path, by the next key view."""
-        views, best = self.route.views, (math.inf, number, pose, 0.0)
-        for k in range(max(number - SAME_PLACE, 0), min(number + SAME_PLACE + 1, len(views))):
+        own, first = self.route.views[number], max(number - SAME_PLACE, 0)
+        samples = []
+        for view in self.route.views[first : number + SAME_PLACE + 1]:
             # The path of a key view ends soon before and behind it.
-            here = compose(relative_pose(views[k].pose, views[number].pose), pose)
-            apart = np.linalg.norm(views[k].path.poses[:, :2] - here[:2], axis=1)
-            nearest = int(np.argmin(apart))
-            if apart[nearest] < best[0]:
-                best = float(apart[nearest]), k, here, float(views[k].path.way[nearest])
-        _, k, here, way = best
-        return views[k].path.beside(here, way)
+            here = compose(relative_pose(view.pose, own.pose), pose)
+            apart = np.linalg.norm(view.path.poses[:, :2] - here[:2], axis=1)
+            samples.append((apart.min(), view.path, here, view.path.way[apart.argmin()]))
+        _, path, here, way = min(samples, key=itemgetter(0))
+        return path.beside(here, float(way))
 
 
 def _away(place: Place) -> float:
