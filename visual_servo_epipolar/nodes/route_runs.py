@@ -78,8 +78,13 @@ class RouteRecording:
 
     def look_at_waiting(self) -> None:
         """Learn from the images that the driven path reaches by now."""
-        for image, stamp_ns, pose in self.images.placed():
-            self._submit(self._teacher.add, image, stamp_ns, pose)
+        for placed in self.images.placed():
+            self._learning.append(self._thread.submit(self._teacher.add, *placed))
+            if self.behind > MOST_UNLEARNT:
+                self.images.trouble = (
+                    f'{MOST_UNLEARNT} images wait to be learnt from; send smaller images or '
+                    'fewer, and record the way anew'
+                )
         self._collect()
 
     def station(self) -> None:
@@ -99,14 +104,6 @@ class RouteRecording:
     def close(self) -> None:
         """End the thread; what still waits is not learnt from."""
         self._thread.shutdown(cancel_futures=True)
-
-    def _submit(self, learn: Callable[..., None], *what: object) -> None:
-        self._learning.append(self._thread.submit(learn, *what))
-        if self.behind > MOST_UNLEARNT:
-            self.images.trouble = (
-                f'{MOST_UNLEARNT} images wait to be learnt from; send smaller images or fewer, '
-                'and record the way anew'
-            )
 
     def _collect(self) -> None:
         """Take note of what was wrong with images that were learnt from."""
