@@ -96,8 +96,9 @@ def test_eight_remembered_features_are_enough_to_drive_on(count: int, scenario: 
     assert all(state.measurement is not None and state.measurement.carried for state in states)
 
 
-def test_without_a_memory_the_robot_stands_as_before() -> None:
-    _, states = driven(only(11), 4.0, end_s=BEGIN_S + 4.0, memory=False)
+@pytest.mark.parametrize('without', [{'memory': False}, {'few_features_timeout': 0.0}])
+def test_without_a_memory_or_time_for_few_features_the_robot_stands(without) -> None:
+    _, states = driven(only(11), 1.0, end_s=BEGIN_S + 1.0, **without)
     assert {state.phase for state in states} == {Phase.HOLDING}
     assert all(state.twist == STANDSTILL for state in states)
 
@@ -153,11 +154,6 @@ def test_waiting_does_not_use_the_time_up() -> None:
         state = step(state, only(3)(seen), world.servo)
     assert state.phase is Phase.WAITING
     assert state.map.few_s == 0.0
-
-
-def test_with_0_s_it_is_off() -> None:
-    _, states = driven(only(11), 1.0, end_s=BEGIN_S + 1.0, few_features_timeout=0.0)
-    assert all(state.twist == STANDSTILL for state in states)
 
 
 class Pushed:

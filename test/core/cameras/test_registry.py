@@ -229,12 +229,3 @@ def test_a_distortion_that_folds_within_the_image_is_said() -> None:
     said = doubts(folding)
     assert 'plumb_bob) cannot be undone in' in said
     assert 20 < float(said.split(' % ')[0].split()[-1]) < 80
-
-
-def test_both_names_of_a_fisheye_are_one_lens() -> None:
-    k = (200.0, 0.0, 320.0, 0.0, 200.0, 240.0, 0.0, 0.0, 1.0)
-    lenses = [
-        calibrated_camera((640, 480), k, (0.01, 0.0, 0.0, 0.0), name)
-        for name in ('equidistant', 'fisheye')
-    ]
-    assert lenses[0] == lenses[1] == Equidistant(640, 480, 200, 200, 320, 240, (0.01, 0, 0, 0))

@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
     FAULT,
     is_significant,
     LEAST_STEP,
-    MAX_CONTRADICTIONS,
     NEAR,
     placed,
     ranged,
@@ -285,11 +284,6 @@ def test_an_offset_aside_alone_is_not_believed() -> None:
     assert not is_significant(certain, True)
     ahead = replace(certain, mean=begun.mean + [0.0, 0.0, 0.0, 0.11, 0.0])
     assert is_significant(ahead, False)
-
-
-def test_so_many_contradictions_are_borne_and_no_more() -> None:
-    assert not replace(unknown(), contradictions=MAX_CONTRADICTIONS).contradicts
-    assert replace(unknown(), contradictions=MAX_CONTRADICTIONS + 1).contradicts
 
 
 @pytest.mark.parametrize('at_fault', [YAW, YAW + 1, YAW + 2])

@@ -30,7 +30,6 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     cross_matrix,
     epipoles,
     fundamental_from_bearings,
-    rotation_desired_current,
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
@@ -62,32 +61,13 @@ def assert_same_matrix(one: np.ndarray, other: np.ndarray, tolerance: float) -> 
     assert min(np.abs(one - other).max(), np.abs(one + other).max()) <= tolerance
 
 
-@given(poses())
-@example(BESIDE)
-def test_epipoles_are_the_images_of_the_camera_centres(pose: Pose) -> None:
-    current, desired = epipoles(fundamental_from_pose(K, pose))
+@given(poses(), floats(1e-6, 1e6), st.sampled_from([1.0, -1.0]))
+@example(BESIDE, 1.0, 1.0)
+def test_epipoles_are_the_images_of_the_camera_centres(pose, scale, sign) -> None:
+    current, desired = epipoles(sign * scale * fundamental_from_pose(K, pose))
     goal_seen_from_current = seen_from(pose, np.zeros((1, 3)))[0]
     assert_same_point(current, K @ goal_seen_from_current)
     assert_same_point(desired, K @ [pose.x, 0.0, pose.y])
-
-
-@given(poses())
-@example(BESIDE)
-def test_epipoles_are_the_null_vectors_of_f(pose: Pose) -> None:
-    fundamental = fundamental_from_pose(K, pose)
-    current, desired = epipoles(fundamental)
-    scale = np.linalg.norm(fundamental)
-    np.testing.assert_allclose(fundamental @ current, 0.0, atol=1e-14 * scale)
-    np.testing.assert_allclose(fundamental.T @ desired, 0.0, atol=1e-14 * scale)
-
-
-@given(poses(), floats(1e-6, 1e6), st.sampled_from([1.0, -1.0]))
-def test_epipoles_do_not_depend_on_scale_and_sign_of_f(pose, scale, sign) -> None:
-    fundamental = fundamental_from_pose(K, pose)
-    for one, other in zip(
-        epipoles(fundamental), epipoles(sign * scale * fundamental), strict=True
-    ):
-        assert_same_point(one, other)
 
 
 @pytest.mark.parametrize('rank', [0, 1])
@@ -109,14 +89,6 @@ def test_f_of_a_pose_holds_for_every_point(pose: Pose) -> None:
     fundamental = fundamental_from_pose(K, pose)
     residual = np.einsum('ni,ij,nj->n', desired, fundamental, current)
     np.testing.assert_allclose(residual / np.linalg.norm(fundamental), 0.0, atol=1e-14)
-
-
-@given(poses())
-def test_f_is_the_product_that_section_ii_prints(pose: Pose) -> None:
-    rotation = rotation_desired_current(pose.heading_error)
-    inverse = np.linalg.inv(K)
-    printed = inverse.T @ cross_matrix(np.array([pose.x, 0.0, pose.y])) @ rotation @ inverse
-    assert_same_matrix(fundamental_from_pose(K, pose), printed, 1e-12)
 
 
 @given(bearings())
@@ -157,14 +129,6 @@ def test_reversed_bearings_have_the_same_epipoles_and_the_other_sigma(pose: Pose
 def test_a_pose_at_the_goal_has_no_bearings() -> None:
     with pytest.raises(DegenerateGeometryError, match='need a baseline'):
         Bearings.from_pose(Pose(0.0, 0.0, 1.0))
-
-
-@given(poses(min_baseline=0.3))
-def test_exact_matches_have_no_sampson_distance(pose: Pose) -> None:
-    current, desired = matches(pose)
-    fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
-    # The gradient may be small near an epipole: rounding over 1e-3.
-    np.testing.assert_allclose(sampson_distance(fundamental, current, desired), 0.0, atol=1e-12)
 
 
 @given(poses_behind_the_goal(), floats(1e-6, 1e-4), angles(), angles(), angles())
@@ -272,12 +236,6 @@ def test_the_vote_survives_outliers_of_three_in_ten(pose: Pose, flip: bool) -> N
     assert_same_angle(vote.bearings.psi, true.psi, 1e-9)
 
 
-@given(poses_behind_the_goal())
-def test_exact_matches_far_from_the_baseline_vote_unanimously(pose: Pose) -> None:
-    current, desired = matches(pose)
-    assert cheirality(Bearings.from_pose(pose), current, desired, noise=NOISE).confidence > 0.9
-
-
 @given(angles(), floats(-0.4, 0.4))
 def test_a_pure_rotation_decides_nothing(psi: float, alpha: float) -> None:
     turned = Pose(0.0, 0.0, HALF_PI + alpha)
@@ -287,14 +245,7 @@ def test_a_pure_rotation_decides_nothing(psi: float, alpha: float) -> None:
     vote = cheirality(Bearings(psi, wrap_angle(psi - turned.theta)), noisy, desired, noise=NOISE)
     # Forty random votes of weight 1/9: three deviations are 3 / sqrt(40) / 9 = 0.05.
     assert vote.confidence < 0.1
-
-
-@given(angles(), floats(-0.4, 0.4))
-def test_a_pure_rotation_without_noise_has_no_vote_at_all(psi: float, alpha: float) -> None:
-    turned = Pose(0.0, 0.0, HALF_PI + alpha)
-    current, desired = matches(turned)
-    found = Bearings(psi, wrap_angle(psi - turned.theta))
-    assert cheirality(found, current, desired, noise=NOISE).confidence < 1e-12
+    assert cheirality(vote.bearings, current, desired, noise=NOISE).confidence < 1e-12
 
 
 def test_epipoles_off_the_plane_of_motion_are_refused() -> None:

@@ -25,23 +25,13 @@ def test_a_pure_rotation_is_found_exactly_left_positive(alpha: float) -> None:
     fit = fit_rotation(*matches(turned(alpha)))
     assert fit.heading_error == pytest.approx(alpha, abs=1e-12)
     np.testing.assert_allclose(fit.rotation, rotation_desired_current(alpha), atol=1e-12)
+    assert fit.parallax < 1e-12
 
 
 @given(floats(-3.0, 3.0))
 def test_rays_all_round_show_any_turn(alpha: float) -> None:
     fit = fit_rotation(*panorama(turned(alpha)))
     assert fit.heading_error == pytest.approx(alpha, abs=1e-12)
-
-
-@given(floats(-0.8, 0.8))
-def test_a_pure_rotation_leaves_no_parallax(alpha: float) -> None:
-    assert fit_rotation(*matches(turned(alpha))).parallax < 1e-12
-
-
-def test_a_camera_turned_left_sees_the_scene_moved_right() -> None:
-    current, desired = matches(turned(0.1))
-    assert (current[:, 0] / current[:, 2] > desired[:, 0] / desired[:, 2]).all()
-    assert fit_rotation(current, desired).heading_error > 0.0
 
 
 @given(floats(-0.8, 0.8))

@@ -79,10 +79,6 @@ def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     assert state.law.gains.k2 == pytest.approx(derive(start).k2)
 
 
-def test_given_gains_stay_as_they_are_given() -> None:
-    assert after(replace(DERIVED, gains='given'), 0.35, -0.3).law.gains is None
-
-
 def test_the_first_step_drives_by_the_derived_gains() -> None:
     state = after(replace(DERIVED, max_linear=1.0, max_angular=1.5), 0.35, -0.3, frames=2)
     gains = state.law.gains

@@ -6,12 +6,11 @@ import math
 from drives import drive, Law, RESIDUE, Start
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-import numpy as np
 import pytest
 from strategies import floats, pose_with
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import integrate, Twist
 from visual_servo_epipolar.core.laws import equations
 
 SIGMAS = st.sampled_from([-1.0, 1.0])
@@ -90,36 +89,6 @@ def test_holding_the_displaced_epipole_spirals_with_room(e_du, sign, sigma, room
     assert run.distance[-1] / 3.0 == pytest.approx(expected, rel=1e-5)
     assert expected == pytest.approx(room, rel=1e-2)
     assert run.e_current[-1] == pytest.approx(target, rel=1e-6)
-
-
-# Three features of a scene 3 to 8 m ahead of the goal: X, Y, Z [m].
-SCENE = np.array([[1.0, 0.4, 3.0], [-2.0, 1.0, 8.0], [0.5, -0.8, 5.0]])
-
-
-def difference_at(y: float) -> float:
-    """Return D of (23) for a robot on the line of the goal, ``y`` ahead of it (or behind)."""
-    norm = (SCENE[:, :2] ** 2).sum(axis=1)
-    return float((norm / (SCENE[:, 2] - y) ** 2 - norm / SCENE[:, 2] ** 2).mean())
-
-
-@given(st.one_of(floats(-5.0, -1e-3), floats(1e-3, 2.0)), floats(0.1, 50.0))
-def test_the_second_step_drives_towards_the_goal_from_either_side(y: float, k_t: float) -> None:
-    twist = equations.match_features(difference_at(y), k_t=k_t)
-    assert twist.linear * y < 0.0
-    assert twist.angular == 0.0
-
-
-@given(st.one_of(floats(-0.01, -1e-4), floats(1e-4, 0.01)))
-def test_the_difference_decreases_exponentially_near_the_goal(y: float) -> None:
-    k_t, dt, steps = 5.0, 1e-3, 1000
-    slope = float((2.0 * (SCENE[:, :2] ** 2).sum(axis=1) / SCENE[:, 2] ** 3).mean())
-    start = difference_at(y)
-    pose = Pose(0.0, y, math.pi / 2.0)
-    for _ in range(steps):
-        pose = integrate(pose, equations.match_features(difference_at(pose.y), k_t=k_t), dt)
-    # D = alpha y to first order: 1 % at 10 mm.
-    expected = start * math.exp(-k_t * slope * dt * steps)
-    assert difference_at(pose.y) == pytest.approx(expected, rel=0.01)
 
 
 @given(floats(0.1, 20.0), floats(0.1, 20.0), floats(0.1, 50.0))

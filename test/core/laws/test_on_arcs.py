@@ -53,27 +53,17 @@ def event(attempts: int = 1, **known: object) -> Event:
     return classify(state, SETTINGS)
 
 
-def test_an_offset_that_no_curve_undoes_is_a_miss_at_once() -> None:
+def test_an_offset_that_no_curve_undoes_is_a_miss_at_once_in_bounded_attempts() -> None:
     assert event(offset=(0.05, -0.9), view_margins=(0.7, 0.7)) is Event.NOTHING
-    assert event(offset=(0.15, -0.2), view_margins=(0.7, 0.7)) is Event.MISSED
-
-
-def test_attempts_are_bounded() -> None:
-    last = SETTINGS.max_attempts
     near = {'offset': (0.15, -0.2), 'view_margins': (0.7, 0.7)}
-    assert event(last, **near) is Event.EXHAUSTED
-
-
-def test_who_looks_aside_at_the_goal_backs_off_again() -> None:
-    known = {'offset': (0.0, 0.0), 'difference': 0.0, 'difference_slope': 0.3}
-    seen = sight(offset_deviation=1e-3, heading_error=0.05, parallax=0.0, **known)
-    state = seeing(in_phase(APPROACHING.phase), measurement=seen, settled=9)
-    assert classify(state, SETTINGS) is Event.MISSED
+    assert event(**near) is Event.MISSED
+    assert event(SETTINGS.max_attempts, **near) is Event.EXHAUSTED
 
 
 @pytest.mark.parametrize(
     ('attempts', 'tolerance', 'heading', 'expected'),
     [
+        (1, 6e-4, 0.05, Event.MISSED),
         (4, 6e-4, 0.015, Event.MISSED),
         (1, 0.005, 0.008, Event.MISSED),
         (1, 0.03, 0.02, Event.MATCHED),

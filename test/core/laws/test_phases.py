@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.servo.supervisor import classify
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SETTINGS = ServoSettings(law='smooth')
+ASIDE = {'offset': (1.5, -0.6), 'offset_deviation': 0.01, 'view_margins': (1.0, 1.0)}
 
 
 def event(measurement: Measurement, settled: int = 0, **changes: Any) -> Event:
@@ -23,24 +24,22 @@ def event(measurement: Measurement, settled: int = 0, **changes: Any) -> Event:
     return classify(state, replace(SETTINGS, **changes))
 
 
-def test_by_two_views_a_small_difference_ends_it_on_the_axis_alone() -> None:
-    # Aside of the axis D may be zero far from the goal: the second step would drive past it.
-    assert event(sight(bearings=behind(0.05, 0.05), difference=0.01)) is Event.ALIGNED
-    assert event(sight(bearings=behind(0.55, -0.2), difference=0.01)) is Event.NOTHING
-
-
-def test_it_goes_on_while_the_way_is_known() -> None:
-    assert event(sight(offset=(0.5, -3.0), offset_deviation=0.1)) is Event.NOTHING
-
-
-def test_a_goal_that_comes_to_lie_beside_is_backed_off_from() -> None:
-    known = {'offset': (1.5, -0.6), 'offset_deviation': 0.01, 'view_margins': (1.0, 1.0)}
-    assert event(sight(bearings=behind(1.2, 0.3), **known)) is Event.SIDEWAYS
-
-
-@pytest.mark.parametrize('offset', [(0.0, 0.08), (0.08, -0.02)])
-def test_who_passed_the_goal_by_begins_anew(offset: tuple[float, float]) -> None:
-    assert event(sight(offset=offset, offset_deviation=1e-3)) is Event.MISSED
+@pytest.mark.parametrize(
+    ('seen', 'expected'),
+    [
+        # Aside of the axis D may be zero far from the goal: step 2 would drive past it.
+        ({'bearings': behind(0.05, 0.05), 'difference': 0.01}, Event.ALIGNED),
+        ({'bearings': behind(0.55, -0.2), 'difference': 0.01}, Event.NOTHING),
+        ({'offset': (0.5, -3.0), 'offset_deviation': 0.1}, Event.NOTHING),
+        ({'bearings': behind(1.2, 0.3), **ASIDE}, Event.SIDEWAYS),
+        ({'offset': (0.0, 0.08), 'offset_deviation': 1e-3}, Event.MISSED),
+        ({'offset': (0.08, -0.02), 'offset_deviation': 1e-3}, Event.MISSED),
+        ({'bearings': None}, Event.LOST),
+    ],
+    ids=['on the axis', 'aside', 'on the way', 'beside', 'past', 'beside at the end', 'blind'],
+)
+def test_what_is_seen_on_the_way_decides_how_it_goes_on(seen: dict, expected: Event) -> None:
+    assert event(sight(**seen)) is expected
 
 
 def test_it_ends_where_the_way_ends_though_aside_d_is_not_zero_there() -> None:
@@ -83,10 +82,6 @@ def test_on_the_last_way_each_settled_frame_asks_for_less() -> None:
     first = seeing(in_phase(APPROACHING.phase), measurement=near)
     assert is_settled(first, SETTINGS)
     assert not is_settled(first.changed(settled=SETTINGS.arrival_frames - 1), SETTINGS)
-
-
-def test_an_image_that_tells_nothing_far_away_is_lost() -> None:
-    assert event(sight(bearings=None)) is Event.LOST
 
 
 def test_it_stands_nowhere_but_where_every_law_does() -> None:

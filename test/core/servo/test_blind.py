@@ -6,16 +6,16 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from servo_states import BEARINGS, DRIVING, ENDED, in_phase, PHASES, SETTINGS, sight, then
+from servo_states import BEARINGS, DRIVING, in_phase, PHASES, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import classify, nominal_twist
+from visual_servo_epipolar.core.servo.supervisor import nominal_twist
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 FAST = Command(Twist(SETTINGS.max_linear, SETTINGS.max_angular))
@@ -123,13 +123,6 @@ def test_before_the_first_image_no_phase_moves_the_robot(phase: Phase) -> None:
 def test_without_bearings_there_is_nothing_to_steer_the_epipoles_by(phase: Phase) -> None:
     state = in_phase(phase, measurement=sight(bearings=None), latched=True)
     assert nominal_twist(state, SETTINGS) == STANDSTILL
-
-
-@pytest.mark.parametrize('phase', ENDED)
-def test_a_run_that_has_ended_has_no_events(phase: Phase) -> None:
-    state = in_phase(phase, reversed=99.0, measurement=sight(features=0))
-    assert classify(state, SETTINGS) is Event.NOTHING
-    assert classify(in_phase(phase, reversed=99.0), SETTINGS) is Event.NOTHING
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.arrival import has_parallax
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band, _limited
+from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band
 
 
 @pytest.mark.parametrize(('deviations', 'seen'), [(1.20, False), (1.30, True)])
@@ -119,14 +119,3 @@ def test_a_bearing_six_deviations_off_begins_the_path_anew(deviations: float, fa
     odd = sight(bearings=Bearings(psi, psi - BEARINGS.psi + BEARINGS.phi), deviation=deviation)
     after = update_extrinsics(before, odd, 0.05, missed=False)
     assert after.contradictions == faults
-
-
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
-@pytest.mark.parametrize('wanted', [Twist(4.0, 1.0), Twist(-0.1, -5.0)])
-def test_with_or_without_ramps_one_factor_keeps_both_speeds_within_limits(law, wanted) -> None:
-    """The same curve, slower: here after a second that the ramps allow for."""
-    settings = replace(SETTINGS, law=law, max_acceleration=20.0, max_angular_acceleration=99.0)
-    limited = _limited(wanted, STANDSTILL, 1.0, in_phase(Phase.ZEROING_EPIPOLES), settings)
-    assert abs(limited.linear) <= settings.max_linear
-    assert abs(limited.angular) <= settings.max_angular
-    assert limited.linear * wanted.angular == pytest.approx(limited.angular * wanted.linear)

@@ -53,10 +53,7 @@ def speed(seconds: float, since_command: float, command: Command = DRIVEN) -> fl
 def test_stamps_that_are_farther_apart_than_commands_give_no_speed(since_command: float) -> None:
     rise = SETTINGS.max_acceleration * (since_command + LATE_S)
     assert speed(0.4, since_command) == pytest.approx(0.02 + rise)
-
-
-def test_a_start_counts_the_time_since_the_last_command_too() -> None:
-    started = speed(0.4, 0.01, Command(STANDSTILL))
+    started = speed(0.4, 0.01, Command(STANDSTILL))  # a start counts it too
     assert started == pytest.approx(SETTINGS.max_acceleration * (0.01 + LATE_S))
 
 

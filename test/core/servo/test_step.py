@@ -304,12 +304,6 @@ def test_both_epipoles_at_zero_begin_the_second_step() -> None:
     assert after(aligned[-1], state=state).phase is Phase.MATCHING_FEATURES
 
 
-def test_the_second_step_drives_forward_behind_the_goal_and_back_ahead_of_it() -> None:
-    state = in_phase(Phase.MATCHING_FEATURES)
-    assert after(measurement(0.1, difference=-0.1), state=state).twist.linear > 0.0
-    assert after(measurement(0.1, difference=0.1), state=state).twist.linear < 0.0
-
-
 def test_features_that_match_for_long_enough_are_an_arrival() -> None:
     frames = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
     before = after(*frames[:-1], state=in_phase(Phase.MATCHING_FEATURES))
@@ -453,22 +447,6 @@ def test_beyond_its_release_the_first_step_begins_anew(sign: float) -> None:
     assert not state.law.latched
 
 
-def test_the_latch_does_not_take_noise_for_an_escape() -> None:
-    latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
-    outside = measurement(0.1, desired=2.0 * SETTINGS.latch_release)
-    uncertain = replace(outside, deviation=SETTINGS.latch_release)
-    assert after(outside, state=latched, settings=EXACT).phase is Phase.DISPLACING
-    assert after(uncertain, state=latched, settings=EXACT).phase is Phase.ZEROING_EPIPOLES
-
-
-def test_what_line_following_makes_up_for_is_no_escape() -> None:
-    outside = measurement(0.1, desired=2.0 * SETTINGS.latch_release)
-    far = in_phase(Phase.ZEROING_EPIPOLES, latched=True, distance=2.0)
-    near = in_phase(Phase.ZEROING_EPIPOLES, latched=True, distance=0.25)
-    assert after(outside, state=far).phase is Phase.ZEROING_EPIPOLES
-    assert after(outside, state=near).phase is Phase.DISPLACING
-
-
 def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
     running = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(0.0, desired=-0.05))
     slow = after(measurement(0.1, desired=-0.0499), state=running)
@@ -476,20 +454,7 @@ def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
     assert abs(fast.twist.linear) < abs(slow.twist.linear)
 
 
-def test_a_desired_epipole_that_runs_away_ends_the_run() -> None:
-    state = after(measurement(0.1, desired=-1.55), state=in_phase(Phase.ZEROING_EPIPOLES))
-    assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
-    assert 'ran away to infinity' in state.reason
-
-
 # Loss, time, stop
-
-
-@pytest.mark.parametrize('phase', DRIVING)
-def test_lost_tracks_stop_the_robot_at_once(phase: Phase) -> None:
-    state = after(blind(0.1), state=in_phase(phase, command=Command(Twist(0.3, 0.1))))
-    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
-    assert state.reason == '3 features, 12 needed'
 
 
 def test_tracks_that_stay_away_fail_the_run_with_the_reason() -> None:
@@ -511,13 +476,6 @@ def test_tracks_that_come_back_resume_the_run(phase: Phase) -> None:
         resumed = after(measurement(0.8), state=held)
         assert resumed.phase is Phase.DISPLACING
         assert resumed.twist != STANDSTILL
-
-
-def test_bearings_that_are_not_trusted_hold_the_robot() -> None:
-    doubtful = measurement(0.1, bearings=None, reason='cheirality vote undecided (0.010)')
-    state = after(doubtful, state=in_phase(Phase.ZEROING_EPIPOLES))
-    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
-    assert 'undecided' in state.reason
 
 
 @pytest.mark.parametrize('phase', DRIVING)

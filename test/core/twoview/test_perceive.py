@@ -69,12 +69,6 @@ def test_a_pure_rotation_has_a_heading_but_no_bearings(alpha: float) -> None:
     assert 'parallax of 0.00 px is too small' in measurement.reason
 
 
-@given(floats(-0.5, 0.5))
-def test_turning_the_rays_undoes_a_rotation(alpha: float) -> None:
-    current, desired = matches(Pose(0.0, 0.0, HALF_PI + alpha))
-    np.testing.assert_allclose(current @ rotation_desired_current(alpha).T, desired, atol=1e-12)
-
-
 def test_d_of_a_pure_rotation_is_zero_only_if_compensated() -> None:
     current, desired = matches(Pose(0.0, 0.0, HALF_PI + 0.1))
     with_it = measured(observation(current, desired))
@@ -136,6 +130,7 @@ GARBAGE = (
     'points',
     'equal',
     'huge',
+    'line',
     'mirrored',
 )
 
@@ -179,12 +174,6 @@ def test_garbage_is_never_an_error(estimator: str, kind: str, seed: int, known: 
         memory = replace(memory, bearings=Bearings(-1.5, 3.0))
     measurement = perceive(observation(*garbage(kind, seed)), settings, 0, memory).measurement
     assert (measurement.bearings is None) == bool(measurement.reason)
-
-
-@pytest.mark.parametrize('estimator', ESTIMATORS)
-def test_features_on_one_line_are_never_an_error(estimator: str) -> None:
-    for seed in range(20):
-        perceive(observation(*garbage('line', seed)), ServoSettings(estimator=estimator), 0)
 
 
 def followed(noise: float, frames: int = 60) -> PerceptionMemory:

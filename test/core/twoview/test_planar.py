@@ -123,35 +123,30 @@ def test_in_an_ordinary_scene_there_is_no_other_mode() -> None:
     assert not any(solve(pair.current, pair.desired).alternative for pair in drawn)
 
 
-def test_matches_on_the_horizon_alone_cannot_answer() -> None:
-    current, desired = matches(POSE)
-    current, desired = (normalised(rays * [1.0, 0.0, 1.0]) for rays in (current, desired))
-    with pytest.raises(DegenerateGeometryError, match='leave the bearings open'):
-        solve(current, desired)
+CURRENT, DESIRED = matches(POSE)
+KNOWN = Prior(bearings=Bearings(-1.5, 3.0))
+ONE_POINT = tuple(unit_rays(np.full((30, 2), at)) for at in (0.1, 0.2))
 
 
-def test_a_match_less_than_needed_is_too_few() -> None:
-    current, desired = matches(POSE)
-    with pytest.raises(DegenerateGeometryError, match=r'got 2 of 2; track more features'):
-        solve(current[:2], desired[:2])
-
-
-def test_no_match_at_all_is_too_few() -> None:
-    with pytest.raises(DegenerateGeometryError, match=r'got 0 of 0'):
-        solve(np.empty((0, 3)), np.empty((0, 3)))
-
-
-@pytest.mark.parametrize('known', [False, True])
-def test_one_point_many_times_cannot_answer(known: bool) -> None:
-    prior = Prior(bearings=Bearings(-1.5, 3.0)) if known else Prior()
-    with pytest.raises(DegenerateGeometryError, match='leave the bearings open'):
-        solve(unit_rays(np.full((30, 2), 0.1)), unit_rays(np.full((30, 2), 0.2)), prior)
-
-
-def test_two_equal_views_cannot_answer() -> None:
-    _, desired = matches(POSE)
-    with pytest.raises(DegenerateGeometryError, match='leave the bearings open'):
-        solve(desired, desired)
+@pytest.mark.parametrize(
+    ('views', 'prior', 'message'),
+    [
+        ((CURRENT[:2], DESIRED[:2]), Prior(), 'got 2 of 2; track more features'),
+        ((CURRENT[:0], DESIRED[:0]), Prior(), 'got 0 of 0'),
+        ((DESIRED, DESIRED), Prior(), 'leave the bearings open'),
+        (ONE_POINT, Prior(), 'leave the bearings open'),
+        (ONE_POINT, KNOWN, 'leave the bearings open'),
+        (
+            [normalised(rays * [1.0, 0.0, 1.0]) for rays in (CURRENT, DESIRED)],
+            Prior(),
+            'leave the bearings open',
+        ),
+    ],
+    ids=['two', 'none', 'equal views', 'one point', 'one point, known bearings', 'the horizon'],
+)
+def test_matches_that_tell_no_bearings_are_degenerate(views, prior, message) -> None:
+    with pytest.raises(DegenerateGeometryError, match=message):
+        solve(*views, prior)
 
 
 @given(seed=floats(0.0, 1.0), size=floats(0.0, 3.0))
