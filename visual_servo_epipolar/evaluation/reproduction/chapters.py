@@ -81,10 +81,8 @@ def chapter_2(say: Say, runs: Simulation2 | None = None) -> Chapter:
 
 
 def chapter_3(say: Say) -> Chapter:
-    """Run the experiment with images, draw figures 17 to 20; vary its law on point features."""
+    """Run the experiment with images, draw figures 17 to 20."""
     run = experiment.experiment(say)
-    say('experiment on points ...')
-    points = experiment.point_runs()
     drawn = {
         'figure_17': experiment.epipoles(run),
         'figure_18': experiment.difference(run),
@@ -95,11 +93,10 @@ def chapter_3(say: Say) -> Chapter:
     results = {
         'run': summary,
         'difference_rate_per_s': experiment.difference_decay(run.log).rate,
-        'points': points,
     }
     near = summary['position_error_m'] < experiment.ERROR_OF_THE_PAPER_M
     succeeded = summary['outcome'] == 'arrived' and near
-    return Chapter('Experiment', drawn, experiment.claims(run, points), results, succeeded)
+    return Chapter('Experiment', drawn, experiment.claims(run), results, succeeded)
 
 
 CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {

@@ -1,9 +1,8 @@
 """The experiment of section VIII, simulated: the run, figures 17 to 20, claims beside our run."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 import math
-from statistics import median
 from typing import Any
 
 import cv2
@@ -15,7 +14,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, seconds, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, seconds
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -45,7 +44,6 @@ from visual_servo_epipolar.simulation.closed_loop import Loop, View
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
 from visual_servo_epipolar.simulation.sensor import CameraMotion, STILL
-from visual_servo_epipolar.simulation.views import points_of
 
 FEATURES = 26
 PERIOD_S = 0.09
@@ -174,15 +172,6 @@ def drive(
     loop = scenario.loop(START, scenario.servo.seed)
     log = Loop(loop, sparse_view, scenario.camera.nominal_camera).run(watch=watch)
     return Experiment(log, sparse_view.history, desired, scenario.camera)
-
-
-def from_points(
-    start: tuple[float, float, float], seed: int = 0, **changes: Any
-) -> Mapping[str, Any]:
-    """Return the result of a run on points; ``changes`` are settings of the servo."""
-    scenario = experiment_scenario(seed, **changes)
-    loop, camera = scenario.loop(start, seed), scenario.camera.nominal_camera
-    return summarise(Loop(loop, points_of(scenario, seed), camera).run())
 
 
 KEY = 'red crosses: actual features, green circles: desired ones;\ndashed: the goal'
@@ -318,39 +307,18 @@ ERROR_OF_THE_PAPER_M = 0.04
 ZERO_PX = 10.0  # an epipole this near the principal point counts as zero: 0.7 deg
 
 
-BEHIND = (2.6, -3.0, 0.0)  # behind the goal, with both epipoles out of the image
-VARIANTS: Mapping[str, Mapping[str, Any]] = {  # of the servo, each driven on points from START
-    'as printed': {},
-    'true sigma': {'law': 'corrected'},
-    'printed k_t': {'k_t': PRINTED_K_T * FOCAL_PX**2},
-}
-SEEDS = range(3)
-Runs = Mapping[str, Sequence[Mapping[str, Any]]]
-
-
-def point_runs() -> Runs:
-    """Return the results of VARIANTS by seeds, and of 'paper' and 'corrected' from BEHIND."""
-    ahead = {
-        name: [from_points(START, seed, **changes) for seed in SEEDS]
-        for name, changes in VARIANTS.items()
-    }
-    return ahead | {law: [from_points(BEHIND, law=law)] for law in ('paper', 'corrected')}
-
-
-def claims(experiment: Experiment, runs: Runs) -> list[Statement]:
-    """Return the statements on the experiment; ``runs`` are those of ``point_runs``."""
+def claims(experiment: Experiment) -> list[Statement]:
+    """Return the statements on the experiment."""
     return [
-        _beginning(experiment, runs),
+        _beginning(experiment),
         *_first_step(experiment),
         *_second_step(experiment),
-        _printed_gain(experiment, runs['printed k_t']),
+        _printed_gain(experiment),
         _error(experiment),
-        _signs(runs),
     ]
 
 
-def _beginning(experiment: Experiment, runs: Runs) -> Statement:
-    (paper,), (corrected,) = runs['paper'], runs['corrected']
+def _beginning(experiment: Experiment) -> Statement:
     first = next(s for s in experiment.log.samples if not math.isnan(s.epipole_current))
     camera = experiment.camera
     edge = max(camera.principal_u, camera.width - camera.principal_u)
@@ -359,10 +327,7 @@ def _beginning(experiment: Experiment, runs: Runs) -> Statement:
         'both epipoles are outside the image at the initial position; the text gives no start',
         f'{first.epipole_current:.0f} and {first.epipole_desired:.0f} px from the principal '
         f'point, the edge at {edge:.0f}. Start ours: {START[0]:g} m, {START[1]:g} m, '
-        f'{START[2]:g} deg, ahead of the goal as in section VII. From behind it '
-        f'({BEHIND[0]:g} m, {BEHIND[1]:g} m) the printed sign fails ({paper["reason"]}), '
-        f'and the true one backs off to {corrected["max_distance_ratio"]:.1f} times '
-        'the distance',
+        f'{START[2]:g} deg, ahead of the goal as in section VII',
         bool(min(abs(first.epipole_current), abs(first.epipole_desired)) > edge),
     )
 
@@ -443,18 +408,16 @@ def _second_step(experiment: Experiment) -> list[Statement]:
     ]
 
 
-def _printed_gain(experiment: Experiment, runs: Sequence[Mapping[str, Any]]) -> Statement:
+def _printed_gain(experiment: Experiment) -> Statement:
     start = abs(float(signal(experiment.log, 'feature_difference')[split(experiment.log)]))
     speed = servo().max_linear
-    arrived = sum(run['outcome'] == 'arrived' for run in runs)
     return Statement(
         'Fig. 18',
         f'D decreases exponentially with k_t = {PRINTED_K_T:g}, lengths in pixels',
         f'such a k_t asks for {PRINTED_K_T * start:.0f} m/s at first. At {speed:g} m/s u_1 is at '
         f'its limit until |D| = {speed / PRINTED_K_T:.0f} px^2, from {start:.0f}: D falls at the '
-        f'pace of the robot ({arrived} of {len(runs)} such runs come to rest). Fig. 18 '
-        f'is for k_t = {WORKING_K_T:g}; {PRINTED_K_T:g} would do for plain instead of squared '
-        'norms',
+        f'pace of the robot. Fig. 18 is for k_t = {WORKING_K_T:g}; {PRINTED_K_T:g} would do for '
+        'plain instead of squared norms',
         bool(speed / PRINTED_K_T > LEAST * start),
     )
 
@@ -467,20 +430,4 @@ def _error(experiment: Experiment) -> Statement:
         f'{100.0 * final.distance:.1f} cm ({1e3 * final.x:+.1f} mm lateral, {1e3 * final.y:+.1f} '
         f'mm longitudinal), {math.degrees(final.heading_error):+.2f} deg',
         final.distance < ERROR_OF_THE_PAPER_M,
-    )
-
-
-def _signs(runs: Runs) -> Statement:
-    printed, true = (
-        median(run['position_error_m'] for run in runs[name])
-        for name in ('as printed', 'true sigma')
-    )
-    return Statement(
-        'sign',
-        'sigma = sign(e_au e_du)',
-        'from this start it is the true sigma until e_du is zero, and the servo then sets u_1 = 0 '
-        f'for good: median error {1e3 * printed:.1f} mm as printed, {1e3 * true:.1f} mm with the '
-        'true sigma (point features)',
-        math.isclose(printed, true, abs_tol=0.005)
-        and all(run['outcome'] == 'arrived' for run in runs['as printed']),
     )
