@@ -212,12 +212,6 @@ def test_single_sample_without_measurements_can_be_drawn(log: RunLog, tmp_path: 
     assert panel(figure, 'D [px$^2$]').texts[0].get_text() == 'not measured'
 
 
-@pytest.mark.parametrize('draw', [trajectory, signals])
-def test_run_without_samples_is_refused(draw: Draw, log: RunLog) -> None:
-    with pytest.raises(ValueError, match='must have samples'):
-        draw(replace(log, samples=[]))
-
-
 # What those who lack one kind of cone see of linear red, green, blue (Vienot, Brettel and Mollon
 # 1999).
 NORMAL = np.eye(3)

@@ -201,10 +201,8 @@ def trajectory(log: RunLog) -> Figure:
     """
     Draw the path in the plane of the paper: x right, y up, in metres, and a close-up of the goal.
 
-    The first axes hold the path, the last the close-up in millimetres. Raises ValueError if the
-    run has no samples.
+    The first axes hold the path, the last the close-up in millimetres.
     """
-    _check(log)
     figure = new_figure(7.2, 5.6)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.7, 1.0), height_ratios=(1.0, 1.1))
     plane, key = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1])
@@ -224,10 +222,7 @@ def signals(log: RunLog, recorded: FloatArray | None = None) -> Figure:
     A dashed line marks where the run ended, arrived or failed: the base may brake for longer.
     Of a replay there are the commands that were ``recorded`` [m/s, rad/s], shape (N, 2), nan where
     there was none.
-
-    Raises ValueError if the run has no samples.
     """
-    _check(log)
     figure = new_figure(7.2, 9.4)
     heights = (1.4, *[1.0] * (len(DRAWN) - 1))
     panels = figure.subplots(len(DRAWN), 1, sharex=True, height_ratios=heights)
@@ -260,18 +255,9 @@ def save(figure: Figure, path: Path | str) -> Path:
 
 
 def save_all(log: RunLog, folder: Path) -> list[Path]:
-    """
-    Draw both figures of a run into ``folder`` and return their paths.
-
-    Raises ValueError if the run has no samples.
-    """
+    """Draw both figures of a run into ``folder`` and return their paths."""
     drawings = {'signals.png': signals, 'trajectory.png': trajectory}
     return [save(draw(log), folder / name) for name, draw in drawings.items()]
-
-
-def _check(log: RunLog) -> None:
-    if not log.samples:
-        raise ValueError('a run must have samples to be drawn, got none; record it first')
 
 
 def _verdict(log: RunLog) -> str:

@@ -10,7 +10,7 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_gray, as_points, FloatArray, Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.report.images.drawing import (
     BGR,
     bgr,
@@ -38,8 +38,8 @@ LINE_OPACITY = 0.55
 
 def draw_overlay(
     image: Image,
-    current_pixels: FloatArray,
-    desired_pixels: FloatArray,
+    current: FloatArray,
+    desired: FloatArray,
     *,
     header: str = '',
     colour: str = INK,
@@ -50,23 +50,19 @@ def draw_overlay(
     """
     Return a colour picture, BGR, of the features drawn over a grey ``image``, shape (H, W).
 
-    ``current_pixels`` and ``desired_pixels``, (N, 2), are the same features row by row.
+    ``current`` and ``desired`` pixels, (N, 2), are the same features row by row.
     The ``header`` stands on its ``colour``, '#RRGGBB'. ``epipole_current`` is the abscissa of the
     epipole from the left border, drawn in the row ``horizon`` if it lies in the image. With
     ``fundamental``, F such that p_desired^T F p_current = 0, a few epipolar lines are drawn.
-
-    Raises ValueError if the image is not grey and of 8 bits, or the features do not match.
     """
-    gray = as_gray(image)
-    current, desired = _match(current_pixels, desired_pixels)
     errors = np.linalg.norm(current - desired, axis=1)
-    picture: Image = np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    picture: Image = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     unit = _unit(picture)
     if fundamental is not None:
         _draw_epipolar_lines(picture, fundamental, desired, unit)
     _draw_features(picture, current, desired, unit)
-    if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
-        row = 0.5 * gray.shape[0] if horizon is None else horizon
+    if epipole_current is not None and 0.0 <= epipole_current < image.shape[1]:
+        row = 0.5 * image.shape[0] if horizon is None else horizon
         _draw_epipole(picture, np.array([epipole_current, row]), unit)
     _draw_header(picture, header, colour, errors, unit)
     return picture
@@ -87,17 +83,6 @@ def epipolar_segments(lines: FloatArray, width: int, height: int) -> FloatArray:
     foot = centre - offset[:, None] * normal
     along = reach * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     return np.stack([foot - along, foot + along], axis=1)
-
-
-def _match(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray]:
-    current = as_points(current, 'current_pixels')
-    desired = as_points(desired, 'desired_pixels')
-    if len(current) != len(desired):
-        raise ValueError(
-            f'current and desired pixels must match row by row, got {len(current)} and '
-            f'{len(desired)}; pass the features seen in both views alone'
-        )
-    return current, desired
 
 
 def _unit(image: Image) -> float:
