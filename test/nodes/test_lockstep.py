@@ -21,8 +21,7 @@ from visual_servo_epipolar.core.servo.supervisor import step
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.commands import Commands
-from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
-from visual_servo_epipolar.nodes.observer import ObserverNode
+from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError, ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings

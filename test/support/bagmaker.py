@@ -25,8 +25,7 @@ from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, ReplayedStep
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.lockstep import Lockstep
-from visual_servo_epipolar.nodes.observer import ObserverNode
+from visual_servo_epipolar.nodes.lockstep import Lockstep, ObserverNode
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 

@@ -68,7 +68,7 @@ def _drive(
     video: 'VideoWriter | None',
     progress: Progress,
 ) -> RunLog:
-    from visual_servo_epipolar.nodes.observer import ObserverNode
+    from visual_servo_epipolar.nodes.lockstep import ObserverNode
 
     monitor = RunMonitor(settings)
 

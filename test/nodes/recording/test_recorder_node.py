@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
-from visual_servo_epipolar.nodes.observer import ObserverNode, UNFINISHED
+from visual_servo_epipolar.nodes.lockstep import ObserverNode, UNFINISHED
 from visual_servo_epipolar.nodes.raw_subscriptions import DEPTH, message_class
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.simulation.closed_loop import RunMonitor
