@@ -166,7 +166,7 @@ def _estimate(rays: Rays, agree: BoolArray, fit: Fit, prior: Prior) -> Estimate:
         covariance_of_lens = to_lens @ covariance[RATIO:SLOPE, RATIO:SLOPE] @ to_lens.T
         lens = Lens.of(log_ratio, rest + slope * log_ratio, covariance_of_lens)
         rays = with_lens(rays, lens)
-        # What not knowing the lens adds to the covariance of bearings is told apart.
+        # What not knowing the lens adds to the covariance of bearings is kept apart.
         bearings = np.asarray(np.linalg.inv(fit.information[:RATIO, :RATIO]))[: PHI + 1, : PHI + 1]
         of_lens = covariance[: PHI + 1, : PHI + 1] - bearings
     vote, inliers = in_front_of(rays, agree, parameters[:RATIO])
