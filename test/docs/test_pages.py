@@ -1,17 +1,15 @@
 """The pages: links, words, the example of the README, quoted messages, the glossary."""
 
-from importlib import import_module
 from pathlib import Path
 import re
-from typing import Any
 
+from loaded import DOCS, linked, ROOT
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 
-ROOT = Path(__file__).parents[2]
 README = ROOT / 'README.md'
 PAGES = [README, *sorted({*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')} - {README})]
 CODE_BLOCK = re.compile(r'^ *```.*?^ *```', re.M | re.S)
@@ -136,26 +134,15 @@ def test_there_are_messages_to_look_up() -> None:
     assert len(QUOTED) >= 20
 
 
-DOCS = ROOT / 'docs'
 GLOSSARY = (DOCS / 'glossary.md').read_text(encoding='utf-8')
 CODE = sorted(set(re.findall(r'\[`([\w.]+)`\]\(([^)]+\.py)\)', GLOSSARY)))
 NUMBERS = sorted(set(re.findall(r'`epipoles/(\w+)`', GLOSSARY)))
 RESULTS = sorted(set(re.findall(r'`result\.(\w+)`', GLOSSARY)))
 
 
-def resolve(name: str, path: str) -> Any:
-    """Return what ``name``, such as Bearings.alpha, is in the file that the link leads to."""
-    file = (DOCS / path).resolve()
-    found: Any = import_module('.'.join(file.relative_to(ROOT).with_suffix('').parts))
-    for part in name.split('.'):
-        fields = getattr(found, '__dataclass_fields__', {})
-        found = fields[part] if part in fields else getattr(found, part)
-    return found
-
-
 @pytest.mark.parametrize(('name', 'path'), CODE)
 def test_what_is_named_is_in_the_code(name: str, path: str) -> None:
-    assert resolve(name, path) is not None
+    assert linked(name, path) is not None
 
 
 @pytest.mark.parametrize('name', NUMBERS)

@@ -253,7 +253,7 @@ def test_wedge_opens_from_the_camera_by_its_angle() -> None:
     np.testing.assert_allclose(wedge[-1], (1.0 + 2.0 * math.cos(0.6), 2.0 * math.sin(0.6)))
 
 
-def test_who_sees_all_around_has_a_circle_without_a_corner() -> None:
+def test_a_view_all_around_is_a_circle_without_a_corner() -> None:
     circle = view_wedge(Pose(2.0, -1.0, 0.3), angle=math.tau, reach=0.5)
     assert np.hypot(*(circle - (2.0, -1.0)).T) == pytest.approx(0.5)
 

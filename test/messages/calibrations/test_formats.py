@@ -251,13 +251,6 @@ def test_of_an_ost_txt_the_key_is_named(old, new, key) -> None:
     assert refusal(OST_TXT.replace(old, new)).startswith(f'{key} must be')
 
 
-@pytest.mark.parametrize('key', ['image_width', 'image_height', 'camera_matrix'])
-def test_a_key_that_is_missing_is_named(key) -> None:
-    document = yaml.safe_load(OST_YAML)
-    del document[key]
-    assert f"lacks '{key}'" in refusal(yaml.safe_dump(document))
-
-
 @pytest.mark.parametrize('key', ['distortion_coefficents', 'dist_coeffs', 'distortions'])
 def test_a_slip_in_the_name_does_not_leave_the_distortion_out(key) -> None:
     assert f'{key} is not a key' in refusal(OST_YAML.replace('distortion_coefficients', key))

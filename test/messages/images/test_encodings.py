@@ -97,15 +97,6 @@ def test_colours_may_be_counted_into_the_rows(encoding) -> None:
     np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
 
 
-@pytest.mark.parametrize('encoding', ['mono8', 'bgr8', 'yuyv'])
-def test_other_images_that_are_called_planar_are_refused(encoding) -> None:
-    kind = ENCODINGS[encoding]
-    raw = message(np.zeros((6, 8, kind.channels), np.uint8), encoding)
-    raw.encoding = 'nv12'
-    with pytest.raises(ValueError, match='bytes of colours, got .* truncated or mislabelled'):
-        read.gray(raw)
-
-
 @pytest.mark.parametrize('encoding', list(ENCODINGS))
 def test_an_image_cut_short_is_refused_in_every_encoding(encoding) -> None:
     kind = ENCODINGS[encoding]

@@ -100,7 +100,7 @@ def test_no_run_begins_beside_another_servo(bench, name) -> None:
     rig.drive()
 
 
-def test_where_time_waits_for_the_servo_nobody_looks_for_another(bench) -> None:
+def test_where_time_waits_for_the_servo_no_other_is_looked_for(bench) -> None:
     rig = Rig(bench, watchdog=False)
     other(bench, 'dock_servo')
     assert bench.call('servo_node/start').success
