@@ -1,5 +1,5 @@
 """
-Shared by the planar estimators: two-point hypotheses, their scores, and tests of modes.
+Matches as rays; planar motions by two of them, their scores, and tests of modes.
 
 With the phasors P = exp(i psi), Q = exp(i phi) and rays (x, y, z) of an upright camera,
 p_d^T F p_a = 0 for the F of a planar motion reads
@@ -19,14 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import (
-    BoolArray,
     ComplexArray,
     FloatArray,
     frozen,
     IntArray,
     TINY,
 )
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.twoview.estimator import Prior
 
@@ -104,11 +102,6 @@ def rays_of(current: FloatArray, desired: FloatArray, noise: FloatArray | float)
     else:
         parts[6], parts[7] = noise[..., 0], noise[..., 1]
     return Rays(*parts)
-
-
-def plausible(rays: Rays, slack: FloatArray | float) -> BoolArray:
-    """Return where y_a and y_d have one sign or are within ``slack`` of the horizon, (..., N)."""
-    return np.asarray(rays.y_a * rays.y_d > -slack * slack)
 
 
 @lru_cache(maxsize=256)
@@ -196,7 +189,7 @@ def _parts(phasors: ComplexArray) -> FloatArray:
 
 
 def best_modes(
-    hypotheses: ComplexArray,
+    angles: FloatArray,
     costs: FloatArray,
     count: int,
     *,
@@ -204,7 +197,7 @@ def best_modes(
     margin: float = MARGIN,
 ) -> IntArray:
     """
-    Return the places of the best ``count`` hypotheses, shape (2, H), that are different modes.
+    Return the places of the best ``count`` (psi, phi), shape (K, 2), that are different modes.
 
     Those nearer than ``separation`` [rad] are one mode; those with costs beyond the least one and
     ``margin`` are left out.
@@ -214,9 +207,8 @@ def best_modes(
     chosen: list[np.int64] = []
     while len(remaining) and len(chosen) < count:
         chosen.append(remaining[0])
-        # h and -h are the same geometry: the sine of the angle between them counts.
-        best = hypotheses[:, remaining[:1]]
-        sines = np.abs((hypotheses[:, remaining] * best.conj()).imag).max(axis=0)
+        # Both reversed are the same geometry: the sine of the angle between them counts.
+        sines = np.abs(np.sin(angles[remaining] - angles[remaining[0]])).max(axis=1)
         remaining = remaining[sines > math.sin(separation)]
     return np.array(chosen)
 
@@ -242,14 +234,3 @@ def choose_mode(
         return best, None
     psi, phi = angles[others[costs[others].argmin()]]
     return best, Bearings(float(psi), float(phi))
-
-
-def remaining_rays(rays: Rays, matches: BoolArray, needed: int) -> Rays:
-    """Return the plausible ``matches``, (N,); DegenerateGeometryError if they are too few."""
-    remaining = rays.take(matches)
-    if remaining.matches < needed:
-        raise DegenerateGeometryError(
-            f'bearings need {needed} matches on one side of the horizon in both views, got '
-            f'{remaining.matches} of {rays.matches}; track more features'
-        )
-    return remaining

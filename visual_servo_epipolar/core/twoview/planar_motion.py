@@ -29,7 +29,6 @@ from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.twoview.estimator import LEAST_JITTER, Prior
 from visual_servo_epipolar.core.twoview.hypotheses import (
     INLIER_DEVIATIONS,
-    plausible,
     Rays,
     rays_of,
 )
@@ -133,6 +132,11 @@ def plausible_matches(rays: Rays, prior: Prior) -> BoolArray:
     # Angles may truly be larger, and so is then what a tilt does.
     stretch = float(np.exp(REACH * prior.lens.ratio_deviation))
     return plausible(levelled(rays, attitude.tilt, attitude.roll), stretch * slack)
+
+
+def plausible(rays: Rays, slack: FloatArray | float) -> BoolArray:
+    """Return where y_a and y_d have one sign or are within ``slack`` of the horizon, (..., N)."""
+    return np.asarray(rays.y_a * rays.y_d > -slack * slack)
 
 
 def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: Any = 0.0) -> Rays:

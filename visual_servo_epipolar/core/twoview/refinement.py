@@ -152,7 +152,7 @@ def _best_modes(fit: Fit) -> IntArray:
     """Return the places of the best different modes among those that may still win."""
     worst = INLIER_DEVIATIONS**2 * fit.squared.shape[1]
     return best_modes(
-        np.exp(1j * fit.parameters[:, :2].T),
+        fit.parameters[:, :2],
         fit.costs / worst,
         MODES,
         separation=0.25 * SEPARATION,
@@ -223,8 +223,8 @@ def table_of(
 
 def squared_distances(matrices: FloatArray, table: FloatArray) -> FloatArray:
     """Return the squared Sampson distances from E by rows, shape (K, 9), of one table: (K, N)."""
-    values = (matrices @ table).reshape(len(matrices), 5, -1)
-    squares = values * values
+    squares = (matrices @ table).reshape(len(matrices), 5, -1)
+    squares *= squares
     return np.asarray(squares[:, 0] / (squares[:, 1:].sum(axis=1) + TINY))
 
 

@@ -35,7 +35,6 @@ from visual_servo_epipolar.core.twoview.hypotheses import (
     choose_mode,
     Rays,
     rays_of,
-    remaining_rays,
     scores,
     SEPARATION,
     two_point_hypotheses,
@@ -58,7 +57,11 @@ from visual_servo_epipolar.core.twoview.planar_motion import (
     TILT_JUMP,
     with_lens,
 )
-from visual_servo_epipolar.core.twoview.refinement import Fit, Problem, refined
+from visual_servo_epipolar.core.twoview.refinement import (
+    Fit,
+    Problem,
+    refined,
+)
 
 GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
 UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
@@ -264,7 +267,12 @@ def _likely(prior: Prior) -> Prior:
 def _found(rays: Rays, matches: BoolArray, prior: Prior, refine: Refine) -> _Found:
     """Return what ``refine`` makes of those ``matches``, (N,), that are plausible."""
     matches = matches & plausible_matches(rays, prior)
-    remaining = remaining_rays(rays, matches, MOTION_PARAMETERS)
+    remaining = rays.take(matches)
+    if remaining.matches < MOTION_PARAMETERS:
+        raise DegenerateGeometryError(
+            f'bearings need {MOTION_PARAMETERS} matches on one side of the horizon in both views, '
+            f'got {remaining.matches} of {rays.matches}; track more features'
+        )
     fits = refine(remaining, prior)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
     best = fits.take(mode)
@@ -359,13 +367,11 @@ def start_parameters(rays: Rays, attitude: Attitude, jumps: FloatArray) -> Float
     upright = levelled(rays, grid[:, 0], attitude.roll, tilt_jump=grid[:, 1])
     hypotheses = two_point_hypotheses(upright, PAIRS)
     costs = scores(hypotheses, upright.blurred(attitude.blur)).ravel()
-    each = hypotheses.shape[-1]
-    hypotheses = hypotheses.swapaxes(0, 1).reshape(2, -1)
-    best = best_modes(hypotheses, costs, LEVEL_MODES, separation=0.5 * SEPARATION)
-    start = np.zeros((len(best), 6))
-    start[:, [PSI, PHI]] = np.angle(hypotheses[:, best]).T
-    start[:, ROLL] = attitude.roll
-    start[:, [TILT, TILT_JUMP]] = grid[best // each]
+    angles = np.angle(hypotheses).swapaxes(-2, -1).reshape(-1, 2)
+    best = best_modes(angles, costs, LEVEL_MODES, separation=0.5 * SEPARATION)
+    start = np.zeros((len(best), RATIO))
+    start[:, [PSI, PHI]], start[:, ROLL] = angles[best], attitude.roll
+    start[:, [TILT, TILT_JUMP]] = grid[best // hypotheses.shape[-1]]
     return start
 
 
