@@ -15,7 +15,9 @@ from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled, SEEN_S, settle
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import classify
+from visual_servo_epipolar.core.servo.supervisor import advance, classify, nominal_twist
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.perceive import Perception
 
 FRAME_NS = 100_000_000
 BANDED = replace(SETTINGS, dead_band_linear=0.03)
@@ -167,3 +169,15 @@ def test_one_motion_ends_with_a_turn_in_place_where_it_does_not_face(turned, eve
     assert classify(state, smooth) is event
     if event is Event.TURNED:
         assert not is_settled(seeing(state, rest=None), smooth)  # it may still turn on its way
+
+
+def test_a_robot_that_stands_within_its_bound_stands_until_that_ends() -> None:
+    """It is to turn by far, but in place: the law that turns it meanwhile would begin all anew."""
+    smooth = replace(BANDED, law='smooth')
+    state = stood([0.0] * 2, phase=APPROACHING.phase)
+    aside = replace(state.measurement, stamp_ns=state.measurement.stamp_ns + FRAME_NS)
+    aside = replace(aside, heading_error=-0.2)
+    state = advance(state, Perception(aside, fresh_memory(smooth)), smooth)
+    assert state.settling.settled > 0
+    assert nominal_twist(state, smooth).angular > BANDED.max_angular / 10.0
+    assert state.twist == STANDSTILL

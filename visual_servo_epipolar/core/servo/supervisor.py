@@ -327,8 +327,8 @@ def _beyond_dead_band(
     limited: Twist, state: ServoState, settings: ServoSettings
 ) -> tuple[Twist, Twist]:
     """Return the part of ``limited`` that the motors can follow, and the residual for later."""
-    if state.settling.rest is not None and state.settling.settled and state.settling.swing_s:
-        return STANDSTILL, STANDSTILL  # by the mean of a swing, of which a moment would lead away
+    if state.settling.rest is not None and state.settling.settled:
+        return STANDSTILL, STANDSTILL  # by the mean of a stand, from which a command leads away
     # Where the aim is fulfilled, a small command made larger would only undo it.
     mode = 'zero' if state.settling.settled else settings.dead_band_mode
     if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
