@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.arrays import (
     FloatArray,
     frozen,
     Image,
-    IntArray,
 )
 from visual_servo_epipolar.core.settings import internal, Settings
 from visual_servo_epipolar.simulation.light import brightened
@@ -60,13 +59,12 @@ class Occluder:
         behind = cv2.multiply(under, 255 - over, scale=1.0 / 255.0)
         under[:] = cv2.add(behind, cv2.multiply(picture, over, scale=1.0 / 255.0))
 
-    def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
-        """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
-        mask, (left, top) = self.mask(progress), self.place(progress)
-        beside, below = columns - left, rows - top
-        hidden = (beside >= 0) & (beside < mask.shape[1]) & (below >= 0) & (below < mask.shape[0])
-        hidden[hidden] = mask[below[hidden], beside[hidden]] > 0
-        return np.asarray(hidden)
+    def cover(self, size: tuple[int, int], progress: float) -> BoolArray:
+        """Return where it hides the scene in an image of that width and height, shape (H, W)."""
+        covered: Image = np.zeros(size[::-1], np.uint8)
+        under, over = _areas(covered, self.mask(progress), self.place(progress))
+        under[:] = over
+        return np.asarray(covered > 0)
 
 
 def board(size: tuple[int, int], share: float, rng: np.random.Generator) -> Occluder:
@@ -75,10 +73,8 @@ def board(size: tuple[int, int], share: float, rng: np.random.Generator) -> Occl
     # Three quarters of the height, unless that makes it wider than the image.
     tall = max(0.75, share)
     wide, high = round(width * share / tall), round(height * tall)
-    left, top = (
-        round((width - wide) * rng.uniform(0.2, 0.8)),
-        round((height - high) * rng.uniform()),
-    )
+    left = round((width - wide) * rng.uniform(0.2, 0.8))
+    top = round((height - high) * rng.uniform())
     mask: Image = np.full((high, wide), 255, np.uint8)
 
     def place(progress: float) -> tuple[int, int]:
@@ -125,9 +121,8 @@ def _grain(
     grain = fractal_grain(rng)
     tiles = -(-size[1] // grain.shape[0]), -(-size[0] // grain.shape[1])
     cloth = np.tile(grain, tiles)[: size[1], : size[0]]
-    return np.asarray(
-        cv2.addWeighted(cloth, contrast, cloth, 0.0, grey - 128.0 * contrast), dtype=np.uint8
-    )
+    offset = grey - 128.0 * contrast
+    return np.asarray(cv2.addWeighted(cloth, contrast, cloth, 0.0, offset), dtype=np.uint8)
 
 
 def _clothes(size: tuple[int, int], rng: np.random.Generator) -> Image:
@@ -154,12 +149,9 @@ def _silhouette(size: tuple[int, int], phase: float) -> Image:
         return round((0.5 + u) * width), round(v * height)
 
     thick = max(2, round(0.11 * height))
-    cv2.ellipse(
-        mask, at(0.0, 0.08), (round(0.06 * height), round(0.08 * height)), 0, 0, 360, 255, -1
-    )
-    cv2.ellipse(
-        mask, at(0.0, 0.34), (round(0.28 * width), round(0.2 * height)), 0, 0, 360, 255, -1
-    )
+    head, body = (0.06 * height, 0.08 * height), (0.28 * width, 0.2 * height)
+    for middle, (wide, high) in ((at(0.0, 0.08), head), (at(0.0, 0.34), body)):
+        cv2.ellipse(mask, middle, (round(wide), round(high)), 0, 0, 360, 255, -1)
     for side in (-1.0, 1.0):
         cv2.line(mask, at(0.08 * side, 0.5), at(0.3 * side * swing, 0.95), 255, thick)
         cv2.line(mask, at(0.22 * side, 0.22), at(-0.36 * side * swing, 0.53), 255, thick // 2)
@@ -230,16 +222,15 @@ class Disturbances:
     def hides(self, pixels: FloatArray, frame: int) -> BoolArray:
         """Return at which ``pixels``, shape (N, 2), an occluder hides the scene, shape (N,)."""
         progress, (width, height) = self._progress(frame), self._size
-        hidden = np.zeros(len(pixels), bool)
         if progress is None or not self._occluders:
-            return hidden
-        positions = np.nan_to_num(pixels, nan=-1.0)
-        # Far outside there is nothing: whole numbers need not hold what is far outside.
-        columns, rows = np.rint(np.clip(positions, -1.0, [width, height])).astype(np.int64).T
+            return np.zeros(len(pixels), bool)
+        # One row and column more: numbers -1, and those beyond the image, which nothing hides.
+        hidden = np.zeros((height + 1, width + 1), bool)
         for occluder in self._occluders:
-            hidden |= occluder.hides(columns, rows, progress)
-        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        return np.asarray(hidden & inside)
+            hidden[:-1, :-1] |= occluder.cover(self._size, progress)
+        positions = np.clip(np.nan_to_num(pixels, nan=-1.0), -1.0, self._size)
+        columns, rows = np.rint(positions).astype(np.int64).T
+        return np.asarray(hidden[rows, columns])
 
     def _progress(self, frame: int) -> float | None:
         """Return how much of the duration has passed, in [0, 1); None before and after."""

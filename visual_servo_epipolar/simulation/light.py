@@ -269,38 +269,29 @@ class Exposure:
         """Let the exposure settle anew on the next image."""
         self._steps = None
 
-    @property
-    def factor(self) -> float:
-        """Brightness over that of the fixed exposure."""
-        return float(2.0 ** ((self._steps or 0) / STOP))
-
     def take(self, image: Image, by: Light) -> tuple[Image, float]:
         """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
-        glare, light = by.casts_shadows, by.level
         if self._steps is None:
-            self._settle(image, light, glare)
-        exposure = self.factor if self.settings.exposure == 'auto' else 1.0
-        taken = brightened(image, light * exposure, glare=glare)
-        self._follow(image, light, glare)
+            self._steps, last = 0, None
+            while self._steps != last:
+                last, self._steps = self._steps, self._after(self._steps, image, by)
+        exposure = 2.0 ** (self._steps / STOP) if self.settings.exposure == 'auto' else 1.0
+        taken = brightened(image, by.level * exposure, glare=by.casts_shadows)
+        self._steps = self._after(self._steps, image, by)
         return taken, max(exposure, 1.0)
 
-    def _settle(self, image: Image, light: float, glare: bool) -> None:
-        self._steps, last = 0, None
-        while self._steps != last:
-            last = self._steps
-            self._follow(image, light, glare)
-
-    def _follow(self, image: Image, light: float, glare: bool) -> None:
-        """Set the next exposure by what this one takes."""
-        if self._steps is None or self.settings.exposure != 'auto':
-            return
+    def _after(self, steps: int, image: Image, by: Light) -> int:
+        """Return the exposure that follows one of ``steps``, by what that one takes."""
+        if self.settings.exposure != 'auto':
+            return steps
         metered = np.ascontiguousarray(image[::SPACING, ::SPACING])
-        taken = brightened(metered, light * self.factor, glare=glare)
+        brightness = by.level * 2.0 ** (steps / STOP)
+        taken = brightened(metered, brightness, glare=by.casts_shadows)
         off = STOP * math.log2(100.0 / max(float(cv2.mean(taken)[0]), 1.0))  # mean grey
         if abs(off) < HYSTERESIS:
-            return
+            return steps
         step = min(max(round(off), -MOST_STEPS), MOST_STEPS)
-        self._steps = min(max(self._steps + step, LEAST), 2 * STOP)  # four times the fixed one
+        return min(max(steps + step, LEAST), 2 * STOP)  # four times the fixed one
 
 
 def brightened(image: Image, factor: float, *, glare: bool = False) -> Image:

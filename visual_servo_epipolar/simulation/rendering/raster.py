@@ -4,7 +4,7 @@ Rasterizer: surfaces cut into strips of like scale, numbered from back to front,
 Textures are drawn strip by strip, then edges, placed sub-pixel exactly.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 import math
@@ -62,17 +62,8 @@ def sampling(scene: Scene, shown: IntArray, maps: FloatArray, parts: Parts) -> l
     columns, rows = _subdivisions(slopes, np.maximum(area, 1e-12))
     footprint = _footprint(slopes, columns, rows)
     copies = np.rint(2.0 * np.log2(np.maximum(footprint, 1.0))).astype(int)
-    return [
-        Strip(surface, side, p, q, nx, ny)
-        for surface, side, (p, q), nx, ny in zip(
-            shown[owners].tolist(),
-            sides,
-            copies.tolist(),
-            columns.tolist(),
-            rows.tolist(),
-            strict=True,
-        )
-    ]
+    fields = (shown[owners], np.array(sides), *copies.T, columns, rows)
+    return [Strip(*row) for row in np.stack(fields, axis=1).tolist()]
 
 
 def _slopes(
@@ -103,16 +94,12 @@ def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntAr
     because the texture is magnified, pixels stay whole.
     """
     columns, rows = SUBDIVISIONS.T[:, :, None]
-    blurred = _blurred_area(_footprint(slopes, columns, rows)) * columns * rows
+    blurred = (
+        np.maximum(_footprint(slopes, columns, rows), SHARPEST).prod(axis=-1) * columns * rows
+    )
     skew = np.maximum(blurred, MAX_SKEW * np.maximum(area, SHARPEST**2))
     fewest = np.argmax(skew <= skew.min(axis=0) / WORTHWHILE, axis=0)
     return SUBDIVISIONS[fewest, 0], SUBDIVISIONS[fewest, 1]
-
-
-def _blurred_area(footprint: FloatArray) -> FloatArray:
-    """Return the area [texel^2] that the copy for a footprint, shape (..., K, 2), blurs."""
-    sides = np.maximum(footprint, SHARPEST)
-    return np.asarray(sides[..., 0] * sides[..., 1])
 
 
 NEAR = 0.05  # nothing nearer than this is seen [m]
@@ -125,7 +112,8 @@ Corner: TypeAlias = tuple[float, float, float]
 Polygon: TypeAlias = list[Corner]
 Plane: TypeAlias = tuple[float, float, float, float]
 STRIP_RATIO = 1.4  # farthest over nearest depth within one strip
-SECTIONS = (-0.33, 0.33)  # x / z at which the strips of floor and ceiling are cut
+# Planes of x / z = -0.33 and 0.33, at which the strips of floor and ceiling are cut.
+SECTIONS = ((1.0, 0.0, 0.33, 0.0), (1.0, 0.0, -0.33, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +209,8 @@ def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon]]
     shown, polygons = [], []
     for k, place in zip(candidates.tolist(), corners[candidates].tolist(), strict=True):
         polygon: Polygon = list(map(tuple, place))
-        for a, b, c, d in frustum:
-            polygon, _ = _split(polygon, [a * x + b * y + c * z + d for x, y, z in polygon])
+        for plane in frustum:
+            polygon, _ = _split(polygon, plane)
         if polygon:
             shown.append(k)
             polygons.append(polygon)
@@ -249,8 +237,10 @@ def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tup
     return tuple((left, top, right, bottom) for left, top, right, bottom in boxes.tolist())
 
 
-def _split(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
-    """Return what of a convex polygon, whose corners have ``sides``, has 0 or more, and less."""
+def _split(polygon: Polygon, plane: Plane) -> tuple[Polygon, Polygon]:
+    """Return what of a convex polygon is on the inner side of a plane, and on the outer one."""
+    a, b, c, d = plane
+    sides = [a * x + b * y + c * z + d for x, y, z in polygon]
     if min(sides, default=0.0) >= 0.0:
         return polygon, []
     if max(sides) < 0.0:
@@ -279,24 +269,18 @@ def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]
     depths = [z for _, _, z in polygon]
     first = math.floor(math.log(min(depths), STRIP_RATIO) + 1e-9)
     last = math.ceil(math.log(max(depths), STRIP_RATIO) - 1e-9)
-    for k in range(first + 1, last):
-        depth = STRIP_RATIO**k
-        polygon, strip = _split(polygon, [z - depth for _, _, z in polygon])
-        if len(strip) > 2:
-            yield from _sections(strip) if sections else ((0, strip),)
-    if len(polygon) > 2:
-        yield from _sections(polygon) if sections else ((0, polygon),)
+    cuts = [(0.0, 0.0, 1.0, -(STRIP_RATIO**k)) for k in range(first + 1, last)]
+    for strip in _slices(polygon, cuts):
+        parts = _slices(strip, SECTIONS) if sections else [[], strip]
+        yield from ((side, part) for side, part in enumerate(parts, start=-1) if len(part) > 2)
 
 
-def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
-    for side, slope in zip((-1, 0), SECTIONS, strict=True):
-        if not strip:
-            return
-        strip, part = _split(strip, [x - slope * z for x, _, z in strip])
-        if len(part) > 2:
-            yield side, part
-    if len(strip) > 2:
-        yield 1, strip
+def _slices(polygon: Polygon, planes: Iterable[Plane]) -> Iterator[Polygon]:
+    """Yield what of a polygon is outside of one plane after the other, then the rest."""
+    for plane in planes:
+        polygon, part = _split(polygon, plane)
+        yield part
+    yield polygon
 
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -354,15 +338,10 @@ def _source(
 
 def _averaged(parts: Image, strip: Strip) -> Image:
     """Return the mean of the parts of each pixel; a half is rounded to even."""
-    if strip.columns > 1:
-        size = parts.shape[1] // strip.columns, len(parts) // strip.rows
-        return np.asarray(cv2.resize(parts, size, interpolation=cv2.INTER_AREA), np.uint8)
-    if strip.rows == 1:
+    if strip.columns == strip.rows == 1:
         return parts
-    total = np.zeros((len(parts) // strip.rows, parts.shape[1]), np.float32)
-    for k in range(strip.rows):
-        cv2.accumulate(parts[k :: strip.rows], total)
-    return np.asarray(cv2.convertScaleAbs(total, alpha=1.0 / strip.rows), np.uint8)
+    size = parts.shape[1] // strip.columns, len(parts) // strip.rows
+    return np.asarray(cv2.resize(parts, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 class Crossings(NamedTuple):
@@ -422,26 +401,17 @@ def find_crossings(scene: Scene, view: PinholeView, raster: Raster) -> Crossings
     last = np.minimum(np.floor(along.max(axis=1)), length - 1.0).astype(np.int64)
     counts = np.maximum(last - first + 1, 0)
     slope = (across[:, 1] - across[:, 0]) / np.where(counts > 0, along[:, 1] - along[:, 0], 1.0)
-    # Whole numbers as floats: to convert some 20 000 of them takes as long as to add them.
-    starts = np.cumsum(counts) - counts
-    position = np.arange(float(counts.sum()))
-    position -= np.repeat((starts - first).astype(np.float64), counts)
-    crossing = np.repeat(slope, counts)
-    crossing *= position
-    crossing += np.repeat(across[:, 0] - slope * along[:, 0], counts)
+    edge = np.repeat(np.arange(len(ends)), counts)
+    position = np.arange(len(edge)) - (np.cumsum(counts) - counts - first)[edge]
+    crossing = slope[edge] * position + (across[:, 0] - slope * along[:, 0])[edge]
     farthest = np.where(steep, view.width, view.height) - 1.0 - REACH
-    inside = np.flatnonzero((crossing > REACH) & (crossing < np.repeat(farthest, counts)))
-    edge = np.repeat(np.arange(len(ends)), counts).take(inside)
-    position, crossing = position.take(inside), crossing.take(inside)
-    cell = np.rint(crossing)
-    crossing -= cell
-    crossing *= inward.astype(np.float64).take(edge)
+    inside = np.flatnonzero((crossing > REACH) & (crossing < farthest[edge]))
+    edge, position, crossing = edge[inside], position[inside], crossing[inside]
+    cell = np.rint(crossing).astype(np.int64)
     step, stride = np.where(steep, 1, view.width), np.where(steep, view.width, 1)
-    cell *= step.astype(np.float64).take(edge)
-    position *= stride.astype(np.float64).take(edge)
-    cell += position
-    pixels = cell.astype(np.int64)
-    return Crossings(pixels, (inward * step).take(edge), 0.5 - crossing, owners.take(edge))
+    pixels = cell * step[edge] + position * stride[edge]
+    shares = 0.5 - (crossing - cell) * inward[edge]
+    return Crossings(pixels, (inward * step)[edge], shares, owners[edge])
 
 
 def _edges(scene: Scene, view: PinholeView, shown: IntArray) -> tuple[FloatArray, IntArray]:

@@ -169,35 +169,20 @@ class Scene:
         return np.array([names.index(surface.body) for surface in self.surfaces], np.int64)
 
     @cached_property
-    def body_centres(self) -> FloatArray:
-        """Mean corner of each body, shape (B, 3); of the room, if it has surfaces."""
-        count = int(self.bodies.max()) + 1
-        return np.stack(
-            [
-                self.corners[self.bodies == k].reshape(-1, 3).mean(axis=0)
-                if (self.bodies == k).any()
-                else np.zeros(3)
-                for k in range(count)
-            ]
-        )
+    def _solids(self) -> list[FloatArray]:
+        """Corners of each body but the room, shape (M, 3)."""
+        count = int(self.bodies.max())
+        return [self.corners[self.bodies == k].reshape(-1, 3) for k in range(1, count + 1)]
 
     @cached_property
     def _separations(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Faces with a body wholly before them: the face, its own body, the body before it."""
+        """Faces of solids with another one wholly before them: the face, its own, the other."""
         offsets = np.einsum('ij,ij->i', self.normals, self.corners[:, 0])
-        clearance = np.stack(
-            [
-                (self.corners[self.bodies == k].reshape(-1, 3) @ self.normals.T - offsets).min(
-                    axis=0
-                )
-                if (self.bodies == k).any()
-                else np.full(len(offsets), -1.0)
-                for k in range(len(self.body_centres))
-            ]
+        clearance = [(solid @ self.normals.T - offsets).min(axis=0) for solid in self._solids]
+        before, faces = np.nonzero(
+            (np.array(clearance).reshape(-1, len(offsets)) > -1e-6) & (self.bodies > 0)
         )
-        before, faces = np.nonzero((clearance > -1e-6) & (self.bodies > 0))
-        keep = before > 0
-        return faces[keep], self.bodies[faces[keep]], before[keep]
+        return faces, self.bodies[faces] - 1, before
 
     def facing(self, centre: FloatArray) -> BoolArray:
         """Return which surfaces, shape (N,), show their face to a camera at ``centre``."""
@@ -213,16 +198,14 @@ class Scene:
         """
         faces, behind, before = self._separations
         towards = self.facing(centre)[faces]
-        count = len(self.body_centres)
-        may_cover = np.ones((count, count), dtype=bool)
+        middles = np.array([solid.mean(axis=0) for solid in self._solids]).reshape(-1, 3)
+        may_cover = np.ones((len(middles), len(middles)), bool)
         may_cover[np.where(towards, behind, before), np.where(towards, before, behind)] = False
-        waits = np.packbits(may_cover & ~may_cover.T, axis=1, bitorder='little')
-        behind_of = [int.from_bytes(row.tobytes(), 'little') for row in waits]  # a bit a body
-        distance = np.linalg.norm(self.body_centres - centre, axis=1).tolist()
-        remaining, order = sorted(range(1, count), key=lambda k: -distance[k]), [0]
-        while remaining:
-            left = sum(1 << k for k in remaining)
-            free = [k for k in remaining if not behind_of[k] & left] or remaining[:1]
-            order += free
-            remaining = [k for k in remaining if k not in free]
+        waits = may_cover & ~may_cover.T  # for those that lie behind it
+        order, left = [0], np.argsort(-np.linalg.norm(middles - centre, axis=1), kind='stable')
+        while len(left):
+            hides = np.asarray(waits[np.ix_(left, left)].any(axis=1))
+            hides[0] &= not hides.all()
+            order += (left[~hides] + 1).tolist()
+            left = left[hides]
         return order
