@@ -9,7 +9,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose
-from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.bases import LEVEL
@@ -18,14 +17,13 @@ from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
 from visual_servo_epipolar.simulation.sensor import (
     CameraMotion,
     DESIRED_FRAME,
+    in_image,
     INSTANT,
     interpolated,
-    MAX_RAY,
     Shutter,
     STILL,
 )
 
-MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
 TRIES = 200
 ROUNDS = 3  # to find the row that a point is read out with
@@ -180,31 +178,3 @@ def _points_seen(camera: CameraModel, pixels: FloatArray, depth: FloatArray) -> 
     if camera.planar is not None:
         return np.column_stack([camera.planar.image_points(pixels) * depth[:, None], depth])
     return np.asarray(camera.rays(pixels) * depth[:, None])
-
-
-def in_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:
-    """
-    Return the pixels, shape (..., N, 2), and which are in view, shape (..., N).
-
-    ``points``, shape (..., N, 3), have the axes of the camera.
-    """
-    planar = camera.planar
-    if planar is None:
-        return _in_wide_image(points, camera)
-    depth = points[..., 2]
-    rays = points[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
-    rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
-    pixels = planar.pixels_of(rays)
-    visible = camera.contains(pixels)
-    if planar.distorts or 0.5 * max(camera.width, camera.height) > camera.fx:
-        # Such a lens may show, folded back into the image, what it cannot see.
-        visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
-    return pixels.reshape(*depth.shape, 2), visible.reshape(depth.shape) & (depth > MIN_DEPTH_M)
-
-
-def _in_wide_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:
-    """Return the pixels, and which are in view, of a lens that may see what is behind it."""
-    pixels = camera.pixels(normalised(points.reshape(-1, 3)))
-    near = np.sqrt((points * points).sum(axis=-1)) <= MIN_DEPTH_M
-    visible = camera.contains(pixels).reshape(near.shape) & ~near
-    return pixels.reshape(*near.shape, 2), visible

@@ -1,6 +1,6 @@
 """Routes in simulation: ways, a driver, a way taught and repeated, changed worlds, kidnaps."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -227,10 +227,8 @@ def teach(
     watch: Callable[[Image, int, Pose], None] = lambda image, stamp_ns, odometry: None,
 ) -> Taught:
     """Drive along a ``way``, and return the route that is learnt; ``watch`` is shown the same."""
-    driver, simulator = (
-        Driver(way, speed),
-        CameraSimulator(scenario.camera, None, _taught_by(scenario)),
-    )
+    driver = Driver(way, speed)
+    simulator = CameraSimulator(scenario.camera, None, _taught_by(scenario))
     driven = driven_in(scenario, way.start, scenario.camera.seed)
     teacher = Teacher(scenario.camera.nominal_camera, settings)
     poses: list[Pose] = []
@@ -249,13 +247,8 @@ def teach(
 
 def _taught_by(scenario: Scenario) -> LightSettings:
     """Return the light by which a route is taught: that of the photograph, of nothing changed."""
-    settings = scenario.light
-    return replace(
-        LightSettings(),
-        light=settings.photograph_light,
-        photograph_light=settings.photograph_light,
-        exposure=settings.exposure,
-    )
+    light = scenario.light.photograph_light
+    return LightSettings(light=light, photograph_light=light, exposure=scenario.light.exposure)
 
 
 def driven_in(scenario: Scenario, start: Pose, seed: int) -> DrivenBase:
@@ -333,7 +326,7 @@ class RepeatLog:
         """Return the largest change of w in a step that changed the key view, a share of most."""
         jumps = [
             abs(after.twist.angular - before.twist.angular)
-            for before, after in zip(self.samples[:-1], self.samples[1:], strict=True)
+            for before, after in pairwise(self.samples)
             if after.progress.switched
         ]
         return max(jumps, default=0.0) / max_turn_rate
@@ -402,36 +395,38 @@ def kidnap(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps
 
     A camera that sees all around is turned anyhow.
     """
-    simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
-    rng = np.random.default_rng((seed, 11))
     turned = math.pi if scenario.camera.camera.wraps else TURNED
-    right = refused = 0
-    for number in range(count):
-        k, offset = int(rng.integers(0, len(taught.way.points) - 40)), float(rng.uniform(-1, 1))
-        pose = _beside(taught, k, ASIDE * offset, turned * float(rng.uniform(-1.0, 1.0)))
-        place = finder.find(simulator.capture(pose, number))
-        refused += place is None
-        right += place is not None and _is_right(taught, place, pose, finder.lap)
-    return Kidnaps(count, right, refused, count - right - refused)
+    return _judged(scenario, taught, _beside(taught, count, seed, turned))
 
 
 def kidnap_elsewhere(scenario: Scenario, taught: Taught, count: int, seed: int) -> Kidnaps:
     """Put the robot anywhere in the storey of the ``scenario``, another one than that taught."""
+    return _judged(scenario, taught, _anywhere(count, seed), on_route=False)
+
+
+def _judged(
+    scenario: Scenario, taught: Taught, poses: Iterable[Pose], *, on_route: bool = True
+) -> Kidnaps:
+    """Let the robot look for its place on the route at each of ``poses``."""
     simulator, finder = new_simulator(scenario), PlaceFinder(taught.route)
-    found = [
-        finder.find(simulator.capture(pose, k)) for k, pose in enumerate(_anywhere(count, seed))
-    ]
-    refused = sum(place is None for place in found)
-    return Kidnaps(count, 0, refused, count - refused)
+    tried = right = refused = 0
+    for tried, pose in enumerate(poses, start=1):
+        place = finder.find(simulator.capture(pose, tried - 1))
+        if place is None:
+            refused += 1
+        elif on_route:
+            right += _is_right(taught, place, pose, finder.lap)
+    return Kidnaps(tried, right, refused, tried - right - refused)
 
 
-def _beside(taught: Taught, k: int, offset: float, turn: float) -> Pose:
-    ahead = taught.way.points[k + 4] - taught.way.points[k]
-    heading = math.atan2(ahead[1], ahead[0])
-    x, y = (
-        taught.way.points[k] + [-offset * math.sin(heading), offset * math.cos(heading)]
-    ).tolist()
-    return Pose(x, y, wrap_angle(heading + turn))
+def _beside(taught: Taught, count: int, seed: int, turned: float) -> Iterator[Pose]:
+    rng, points = np.random.default_rng((seed, 11)), taught.way.points
+    for _ in range(count):
+        k, offset = int(rng.integers(0, len(points) - 40)), ASIDE * float(rng.uniform(-1, 1))
+        ahead = points[k + 4] - points[k]
+        heading = math.atan2(ahead[1], ahead[0])
+        x, y = (points[k] + [-offset * math.sin(heading), offset * math.cos(heading)]).tolist()
+        yield Pose(x, y, wrap_angle(heading + turned * float(rng.uniform(-1.0, 1.0))))
 
 
 def _anywhere(count: int, seed: int) -> Iterator[Pose]:

@@ -1,5 +1,6 @@
 """Image sensor: noise, a drifting gain, blur; when rows are exposed and images stamped."""
 
+from bisect import bisect_right
 from collections import deque
 import math
 from typing import NamedTuple
@@ -8,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image
+from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import (
     integrate,
     motion_between,
@@ -16,12 +18,14 @@ from visual_servo_epipolar.core.geometry.motion import (
     STANDSTILL,
     Twist,
 )
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
 MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
+MIN_DEPTH_M = 0.3  # of what is in view
 MAX_NOISE = 50.0  # standard deviation [grey levels]
 SPARE = 64  # how far the noise field may be shifted [px]
 
@@ -186,18 +190,14 @@ class PoseHistory:
 
     def at(self, stamp_ns: int) -> BodyState:
         """Return the state at ``stamp_ns``, that of the nearest entry where there is none."""
-        after_ns, after = self._entries[-1]
-        for before_ns, before in reversed(self._entries):
-            if before_ns <= stamp_ns < after_ns:
-                gap = seconds_between(before_ns, after_ns)
-                way, turn = motion_between(before.pose, after.pose)
-                arc, since = Twist(way / gap, turn / gap), seconds_between(before_ns, stamp_ns)
-                nod = before.nod.towards(after.nod, since / gap, gap)
-                return BodyState(integrate(before.pose, arc, since), arc, nod)
-            after_ns, after = before_ns, before
-            if after_ns <= stamp_ns:
-                break
-        return after
+        k = bisect_right(self._entries, stamp_ns, key=lambda entry: entry[0])
+        if k in (0, len(self._entries)):
+            return self._entries[max(k - 1, 0)][1]
+        (before_ns, before), (after_ns, after) = self._entries[k - 1], self._entries[k]
+        gap, since = seconds_between(before_ns, after_ns), seconds_between(before_ns, stamp_ns)
+        way, turn = motion_between(before.pose, after.pose)
+        arc, nod = Twist(way / gap, turn / gap), before.nod.towards(after.nod, since / gap, gap)
+        return BodyState(integrate(before.pose, arc, since), arc, nod)
 
 
 def interpolated(nodes: FloatArray, share: FloatArray) -> FloatArray:
@@ -209,3 +209,31 @@ def interpolated(nodes: FloatArray, share: FloatArray) -> FloatArray:
         + 4.0 * s * (1.0 - s) * middle
         + s * (2.0 * s - 1.0) * end
     )
+
+
+def in_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:
+    """
+    Return the pixels, shape (..., N, 2), and which are in view, shape (..., N).
+
+    ``points``, shape (..., N, 3), have the axes of the camera.
+    """
+    planar = camera.planar
+    if planar is None:
+        return _in_wide_image(points, camera)
+    depth = points[..., 2]
+    rays = points[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
+    rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
+    pixels = planar.pixels_of(rays)
+    visible = camera.contains(pixels)
+    if planar.distorts or 0.5 * max(camera.width, camera.height) > camera.fx:
+        # Such a lens may show, folded back into the image, what it cannot see.
+        visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
+    return pixels.reshape(*depth.shape, 2), visible.reshape(depth.shape) & (depth > MIN_DEPTH_M)
+
+
+def _in_wide_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:
+    """Return the pixels, and which are in view, of a lens that may see what is behind it."""
+    pixels = camera.pixels(normalised(points.reshape(-1, 3)))
+    near = np.sqrt((points * points).sum(axis=-1)) <= MIN_DEPTH_M
+    visible = camera.contains(pixels).reshape(near.shape) & ~near
+    return pixels.reshape(*near.shape, 2), visible

@@ -12,13 +12,12 @@ from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
-from visual_servo_epipolar.simulation.sensor import CameraMotion, MAX_RAY, Shutter, STILL
+from visual_servo_epipolar.simulation.sensor import CameraMotion, in_image, MAX_RAY, Shutter, STILL
 
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
 BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
@@ -88,21 +87,10 @@ class Renderer:
         """
         Project world ``points`` [m], shape (N, 3), whether or not something hides them.
 
-        Returns pixels, shape (N, 2), nan for what the lens does not see, and which points it sees
-        within the image, shape (N,).
+        Returns pixels, shape (N, 2), and which points the lens sees within the image, shape (N,).
         """
         axes, centre = self.rig.camera_pose(pose, frame, joints)
-        vectors = (np.asarray(points, dtype=np.float64) - centre) @ axes
-        pixels = np.full((len(vectors), 2), np.nan)
-        planar = self.camera.planar
-        if planar is None:
-            far = np.sqrt((vectors * vectors).sum(axis=1)) > NEAR
-            pixels[far] = self.camera.pixels(normalised(vectors[far]))
-            return pixels, self.camera.contains(pixels)
-        ahead = vectors[:, 2] > NEAR
-        if ahead.any():
-            pixels[ahead] = planar.pixels_of(vectors[ahead, :2] / vectors[ahead, 2:])
-        return pixels, ahead & self.camera.contains(pixels)
+        return in_image((np.asarray(points, dtype=np.float64) - centre) @ axes, self.camera)
 
     def trace(self, pixels: FloatArray, pose: Pose, joints: Joints = AT_REST) -> FloatArray:
         """
