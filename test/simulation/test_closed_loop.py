@@ -26,7 +26,6 @@ from visual_servo_epipolar.simulation.closed_loop import (
     published,
     RunMonitor,
     SETTLE_FRAMES,
-    View,
 )
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import SimulatedRig
@@ -194,33 +193,28 @@ def test_a_pose_survives_its_message() -> None:
     assert (published(pose).x, published(pose).y) == (1.0, -3.0)
 
 
-class Through:
-    """A view through another one."""
+class Watched:
+    """The points, and from where they were observed."""
 
-    def __init__(self, view: View) -> None:
-        self._view = view
+    def __init__(self) -> None:
+        self._view, self.poses = points(), []
 
     def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
+        self.poses.append(pose)
         return self._view.observe(pose, frame, motion)
 
 
 def test_late_images_show_where_the_robot_was_and_carry_the_time_they_came() -> None:
-    class Watched(Through):
-        poses: list[Pose] = []
-
-        def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
-            self.poses.append(pose)
-            return super().observe(pose, frame, motion)
-
+    watched = Watched()
     receipt = Receipt(0.12, 0.015, 3)
     settings = LoopSettings(start=STARTS[0], max_duration=6.0, receipt=receipt)
-    samples = Loop(settings, Watched(points()), CAMERA).run().samples
+    samples = Loop(settings, watched, CAMERA).run().samples
     stamps = np.array([sample.stamp_ns for sample in samples])
     exposed = np.arange(len(stamps)) * period_ns(settings.frame_rate)
     late = (stamps - exposed) * 1e-9
     assert late.mean() == pytest.approx(0.12, abs=0.01)
     assert late.std() == pytest.approx(0.015, rel=0.4)
-    shown = [pose.y for pose in Watched.poses]
+    shown = [pose.y for pose in watched.poses]
     driven_to = np.interp(exposed, stamps, [sample.pose.y for sample in samples])
     np.testing.assert_allclose(shown, driven_to, atol=2e-3)  # arcs against straight lines
     assert abs(shown[-1] - samples[-1].pose.y) > 0.02
