@@ -138,11 +138,6 @@ class Light:
     ceiling: float = 0.0
     sources: tuple[Lamp | Window, ...] = ()
 
-    @property
-    def windows(self) -> list[Window]:
-        """The windows among its sources."""
-        return [source for source in self.sources if isinstance(source, Window)]
-
     def in_room(self, end: float) -> 'Light':
         """Return the light in a room whose front wall, with its windows, is at y = ``end`` [m]."""
         sources = tuple(
