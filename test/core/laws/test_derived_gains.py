@@ -7,10 +7,10 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
-from servo_states import goal, PHASES, seeing
+import servo_states
+from servo_states import behind, goal, PHASES, seeing
 from strategies import bearings, floats
 
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.braking import BRAKING
 from visual_servo_epipolar.core.laws.derived_gains import circumstances
 from visual_servo_epipolar.core.laws.gains import derive, longest_convergence
@@ -36,21 +36,9 @@ def advance(state: ServoState, measurement: Measurement, settings: ServoSettings
 
 def sight(frame: int, current: float, desired: float, **changes: Any) -> Measurement:
     """Return the measurement of a ``frame`` behind the goal, epipoles at these bearings [rad]."""
-    psi = math.atan2(-1.0, -math.tan(desired))
-    good = Measurement(
-        stamp_ns=round(frame * PERIOD * 1e9),
-        features=40,
-        focal=769.0,
-        noise_px=0.3,
-        bearings=Bearings(psi, math.atan2(math.tan(current), -1.0)),
-        confidence=0.9,
-        inliers=38,
-        parallax=0.04,
-        heading_error=current - desired,
-        difference=-0.1,
-        feature_error=0.08,
-    )
-    return replace(good, **changes)
+    there = behind(-desired, current)
+    seen = {'bearings': there, 'deviation': math.nan, 'parallax': 0.04, 'feature_error': 0.08}
+    return servo_states.sight(frame, **{**seen, 'heading_error': current - desired, **changes})
 
 
 def after(

@@ -40,18 +40,22 @@ def test_depth_is_the_median_one(exact) -> None:
     assert Geometry(exact).depth == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.parametrize(('apart', 'expected'), [(0.9, False), (1.1, True)])
-def test_a_view_from_elsewhere_is_a_keyframe(exact, apart: float, expected: bool) -> None:
-    geometry = Geometry(exact)
-    pose = exact.unknowns.views[0].copy()
+@pytest.mark.parametrize(
+    ('apart', 'seen', 'new', 'expected'),
+    [
+        (0.9, 40, 0.0, False),
+        (1.1, 40, 0.0, True),
+        (0.0, 100, 0.5 * NEW_SHARE, False),
+        (0.0, 100, 1.1 * NEW_SHARE, True),
+        (9.0, 7, 1.0, False),  # of hardly anything
+    ],
+)
+def test_a_view_from_elsewhere_or_of_other_features_is_a_keyframe(
+    exact, apart: float, seen: int, new: float, expected: bool
+) -> None:
+    geometry, pose = Geometry(exact), exact.unknowns.views[0].copy()
     pose[1] -= apart * SETTINGS.keyframe_spacing * geometry.depth
-    assert is_keyframe(geometry, pose, observations=40, new=0, settings=SETTINGS) is expected
-
-
-@pytest.mark.parametrize(('share', 'expected'), [(0.5, False), (1.1, True)])
-def test_a_view_of_other_features_is_one(exact, share: float, expected: bool) -> None:
-    pose, new = exact.unknowns.views[3], int(100 * share * NEW_SHARE)
-    found = is_keyframe(Geometry(exact), pose, observations=100, new=new, settings=SETTINGS)
+    found = is_keyframe(geometry, pose, observations=seen, new=int(seen * new), settings=SETTINGS)
     assert found is expected
 
 
@@ -73,11 +77,6 @@ def test_new_features_without_room_make_none(exact) -> None:
     assert not is_keyframe(Geometry(exact), pose, observations=60, new=60, settings=crammed)
     roomy = replace(SETTINGS, features=count + 60)
     assert is_keyframe(Geometry(exact), pose, observations=60, new=60, settings=roomy)
-
-
-def test_a_view_of_hardly_anything_is_none(exact) -> None:
-    pose = exact.unknowns.views[0] - [0.0, 5.0, 0.0, 0.0, 0.0]
-    assert not is_keyframe(Geometry(exact), pose, observations=7, new=7, settings=SETTINGS)
 
 
 def test_the_keyframe_in_the_crowd_goes_and_the_newest_stays() -> None:

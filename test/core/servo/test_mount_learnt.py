@@ -113,19 +113,16 @@ def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
     assert then(zeroing.changed(extrinsics=learnt_yaw(1.4))).phase is zeroing.phase
 
 
-def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew() -> None:
+@pytest.mark.parametrize(
+    'why', [{'extrinsics': learnt_yaw(1.6), 'target': NEAR_ZERO}, {'latched': True}]
+)
+def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew(why) -> None:
     near = sight(difference=-0.9 * SETTINGS.retreat_difference)
-    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6), target=NEAR_ZERO)
+    zeroing = in_phase(Phase.ZEROING_EPIPOLES, **why)
+    assert then(zeroing).phase is Phase.DISPLACING
     assert then(zeroing, near).phase is Phase.RETREATING
     bare = replace(SETTINGS, retreat=False)
     assert then(zeroing, near, bare).phase is Phase.DISPLACING
-
-
-def test_an_epipole_that_escapes_near_the_goal_backs_off_as_well() -> None:
-    escaped = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
-    near = sight(difference=-0.9 * SETTINGS.retreat_difference)
-    assert then(escaped).phase is Phase.DISPLACING
-    assert then(escaped, near).phase is Phase.RETREATING
 
 
 @pytest.mark.parametrize(('degrees', 'phase'), [(0.6, Phase.RETREATING), (0.4, Phase.ARRIVED)])

@@ -4,9 +4,8 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import seeing
+from servo_states import behind, seeing, sight
 
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.rigs.rig import Command
@@ -14,25 +13,12 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance, LATE_S
 from visual_servo_epipolar.core.servo.telemetry import telemetry
-from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
 SETTINGS = ServoSettings()
 DRIVEN = Command(Twist(0.02, 0.0))
-SEEN = Measurement(
-    stamp_ns=0,
-    features=40,
-    focal=769.0,
-    noise_px=0.3,
-    bearings=Bearings(math.atan2(-1.0, 0.0), math.atan2(0.0, -1.0)),
-    confidence=0.9,
-    inliers=38,
-    parallax=0.05,
-    heading_error=0.0,
-    difference=-0.1,
-    feature_error=0.05,
-)
+SEEN = sight(0, bearings=behind(0.0, 0.0))
 
 
 def speed(seconds: float, since_command: float, command: Command = DRIVEN) -> float:

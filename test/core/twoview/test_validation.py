@@ -192,22 +192,23 @@ def test_a_leap_is_the_larger_change_and_knows_of_full_turns(before, psi, phi) -
     assert innovation(after, before) == pytest.approx(max(abs(psi), abs(phi)), abs=1e-12)
 
 
-def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
-    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=50.0)
+def test_attitude_and_noise_are_learnt_where_the_parallax_is_informative() -> None:
+    memory = updated_memory(FRESH, GOOD, '', noise=0.7, parallax=50.0)
+    assert memory.noise == 0.7
     assert (memory.attitude.tilt, memory.attitude.roll) == (0.02, 0.01)
     assert memory.attitude.tilt_deviation == KNOWN_DEVIATION  # however sure the estimate is
     assert memory.attitude.roll_deviation == 2e-3
     assert memory.attitude.jitter == SETTINGS.floor_jitter
 
 
-def test_the_attitude_is_kept_where_the_parallax_says_little() -> None:
-    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=3.0)
+@pytest.mark.parametrize(
+    ('found', 'parallax'),
+    [(GOOD, 3.0), (replace(GOOD, attitude=None), 50.0)],
+    ids=['little parallax', 'an estimator without one'],
+)
+def test_an_attitude_that_views_do_not_show_is_kept(found: Estimate, parallax: float) -> None:
+    memory = updated_memory(FRESH, found, '', noise=0.3, parallax=parallax)
     assert memory.attitude == FRESH.attitude
-
-
-def test_the_attitude_is_kept_by_an_estimator_that_has_none() -> None:
-    found = replace(GOOD, attitude=None)
-    assert updated_memory(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
 
 
 def test_the_attitude_is_never_known_too_well() -> None:
@@ -220,10 +221,6 @@ def test_a_doubted_estimate_teaches_nothing_but_a_rejection() -> None:
     memory = replace(FRESH, bearings=BEARINGS)
     after = updated_memory(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
     assert after == replace(memory, consecutive_rejections=1)
-
-
-def test_the_noise_is_that_of_the_residuals() -> None:
-    assert updated_memory(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
 
 
 @pytest.mark.parametrize('degrees', [0.0, 60.0, -110.0, 180.0])
