@@ -38,16 +38,11 @@ class Attitude:
         return BLUR_SHARE * self.jitter
 
     @property
-    def moments(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Covariance of tilt and roll by rows [rad^2]."""
-        tilt, roll = self.tilt_deviation, self.roll_deviation
-        both = self.correlation * tilt * roll
-        return (tilt * tilt, both), (both, roll * roll)
-
-    @property
     def covariance(self) -> FloatArray:
         """Covariance of tilt and roll, shape (2, 2) [rad^2]."""
-        return np.array(self.moments)
+        tilt, roll = self.tilt_deviation, self.roll_deviation
+        both = self.correlation * tilt * roll
+        return np.array([[tilt * tilt, both], [both, roll * roll]])
 
     def known_to(self, covariance: FloatArray) -> 'Attitude':
         """Return the attitude with another ``covariance`` of tilt and roll, (2, 2) [rad^2]."""
