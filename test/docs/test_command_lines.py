@@ -1,6 +1,5 @@
 """Each `visual_servo` line of a console block in the documentation is understood as it stands."""
 
-import argparse
 from pathlib import Path
 import re
 import shlex
@@ -12,13 +11,7 @@ from visual_servo_epipolar.commands.main import parser
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / 'docs'
 PAGES = [ROOT / 'README.md', *sorted(DOCS.rglob('*.md'))]
-# The subcommands by name: argparse keeps them in the action that picks one.
-NAMES = sorted(
-    name
-    for action in parser()._actions
-    if isinstance(action, argparse._SubParsersAction)
-    for name in action.choices
-)
+NAMES = sorted(parser().commands)
 BLOCK = re.compile(r'^```console\n(.*?)^```', re.M | re.S)
 
 

@@ -124,8 +124,9 @@ def test_a_result_is_that_of_the_run_alone() -> None:
         assert found == verdict(drive(scenario, start, seed), scenario.camera.rig())
 
 
-def test_results_do_not_depend_on_the_chunks() -> None:
-    plan = plan_of(4)
+@pytest.mark.parametrize('scenes', [(), (3, 3, 4)])
+def test_results_do_not_depend_on_the_chunks(scenes) -> None:
+    plan = plan_of(4, scenes=scenes)
     whole = work(plan, Chunk('full', (0, 1, 2, 3)))
     assert [work(plan, Chunk('full', (index,)))[0] for index in range(4)] == whole
     assert work(plan, Chunk('full', (3, 1))) == [whole[3], whole[1]]
@@ -137,12 +138,6 @@ def test_all_laws_have_the_same_starts_and_seeds() -> None:
     for one, other in zip(paper, full, strict=True):
         assert (one['start'], one['seed']) == (other['start'], other['seed'])
         assert (one['law'], other['law']) == ('paper', 'full')
-
-
-def test_a_chunk_may_span_scenes() -> None:
-    plan = plan_of(scenes=(3, 3, 4))
-    whole = work(plan, Chunk('full', (0, 1, 2, 3)))
-    assert [work(plan, Chunk('full', (index,)))[0] for index in range(4)] == whole
 
 
 def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -81,7 +81,7 @@ def carried_away(arrived_s: float) -> Record:
     """Return a run that is carried away after its end; ``arrived_s`` is counted from there."""
     made = record([*WAY, (0.0, 1.0)])
     end = made.truths[-1]
-    away = end._replace(time_s=end.time_s + 0.1, pose=Pose(0.5, -1.0, math.pi / 2))
+    away = TrueMotion(end.time_s + 0.1, Pose(0.5, -1.0, math.pi / 2), end.twist)
     moved_s = [end.time_s + 0.05]
     return but(made, truths=[away], moved_s=moved_s, arrived_s=end.time_s + arrived_s)
 
@@ -129,7 +129,7 @@ def moving_at_the_end() -> Record:
         (but(record(WAY), senseless='a twist must be finite'), RunVerdict.LIMITS),
         (but(record(WAY), orders=[ORDER]), RunVerdict.ARRIVED),
         (
-            but(record(WAY), orders=[ORDER, ORDER._replace(most=Twist(0.005, 0.5))]),
+            but(record(WAY), orders=[ORDER, ServoCommand(1.0, ORDER.twist, Twist(0.005, 0.5))]),
             RunVerdict.LIMITS,
         ),
         # It ran away, though it comes back; it moves at the end, or after it was stopped.
