@@ -1,21 +1,26 @@
 """Frames over ROS: /tf of the simulated robot, and the mount of the camera from /tf_static."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 from geometry_msgs.msg import TransformStamped
 import numpy as np
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.rigs.fixed_mount import Mount, mount_of
+from visual_servo_epipolar.core.rigs.fixed_mount import (
+    AHEAD,
+    is_configured,
+    Mount,
+    mount_of,
+    SettingsT,
+    with_mount,
+)
 from visual_servo_epipolar.messages import read, transforms
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.managed import in_every_state
 
 Transform = tuple[FloatArray, FloatArray]
-MountedT = TypeVar('MountedT', bound='MountSettings')
-UNTOLD = Mount(tilt=0.0, roll=0.0, yaw=0.0, forward=0.0, left=0.0)
 
 
 class TransformBroadcaster:
@@ -34,17 +39,6 @@ class TransformBroadcaster:
         """Publish all ``messages`` as one; a static one replaces what was sent before."""
         if self._publisher is not None:
             self._publisher.publish(transforms.tf_message(self._kind, messages))
-
-
-class MountSettings(Protocol):
-    """Settings of how a camera is mounted."""
-
-    @property
-    def mount_is_told(self) -> bool:
-        """Whether any setting says how the camera is mounted."""
-
-    def mounted(self: MountedT, mount: Mount) -> MountedT:
-        """Return the settings of a camera mounted so; ValueError if they do not allow it."""
 
 
 class StaticMount:
@@ -80,14 +74,14 @@ class StaticMount:
             except ValueError as error:
                 self._warn(f'/tf_static: {error}')
 
-    def taken(self, camera_frame: str, settings: MountedT) -> MountedT:
+    def taken(self, camera_frame: str, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with the mount of a camera in /tf_static, where they have none."""
         self.trouble = ''
-        if settings.mount_is_told:
+        if is_configured(settings):
             return settings
         try:
             mount = self.of(camera_frame)
-            configured = settings if mount is None else settings.mounted(mount)
+            configured = settings if mount is None else with_mount(settings, mount)
         except ValueError as error:
             self.trouble = (
                 f'the mount of {camera_frame} in /tf_static cannot be used: {error}; or say '
@@ -112,12 +106,12 @@ class StaticMount:
                 'transforms'
             )
 
-    def dropped(self, settings: MountedT) -> MountedT:
+    def dropped(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` without the mount that they took: the next may be another."""
         if not self._taken:
             return settings
         self._taken = False
-        return settings.mounted(UNTOLD)
+        return with_mount(settings, AHEAD)
 
     def of(self, camera_frame: str) -> Mount | None:
         """Return how the camera of a frame is mounted, None if unknown; or raise ValueError."""

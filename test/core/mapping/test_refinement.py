@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.refinement import (
@@ -18,7 +19,6 @@ from visual_servo_epipolar.core.mapping.refinement import (
     refine,
     RETURN,
     system_of,
-    WRONG_OFFSET,
     WRONG_SHARE,
 )
 from visual_servo_epipolar.core.mapping.window import (
@@ -88,7 +88,7 @@ def test_a_feature_is_wrong_where_too_many_of_its_sightings_are(exact) -> None:
 
 def test_a_feature_is_wrong_where_the_photograph_shows_it_elsewhere(exact) -> None:
     offsets = exact.unknowns.offsets.copy()
-    offsets[0, :2] = np.sqrt(WRONG_OFFSET) * np.array([1.05, 0.95])
+    offsets[0, :2] = np.sqrt(CONTRADICTING) * np.array([1.05, 0.95])
     at = replace(exact, unknowns=replace(exact.unknowns, offsets=offsets))
     tangent_basis = np.where(exact.window.seen[:, None, None], exact.window.tangent_basis, 0.0)
     flat = replace(at, window=replace(at.window, tangent_basis=1e-3 * tangent_basis))

@@ -9,7 +9,7 @@ import pytest
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.rigs.fixed_mount import mount_of
+from visual_servo_epipolar.core.rigs.fixed_mount import is_configured, mount_of, with_mount
 from visual_servo_epipolar.core.rigs.joint_history import BEYOND, HeadHistory, JointHistory
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Gaze, HeadLimits, Joints
@@ -150,11 +150,11 @@ def test_what_is_no_mount_is_refused(rotation, message) -> None:
 def test_settings_take_a_mount_and_stay_otherwise_the_same() -> None:
     before = ServoSettings(camera_left_deviation=0.01, k1=0.5)
     rig = CameraMount(0.6, 0.2, 0.3, -0.1, 0.05, 0.1)
-    after = before.mounted(
-        mount_of(rig.R_world_camera(BASE_FIXED_MOUNT), rig.centre(BASE_FIXED_MOUNT))
+    after = with_mount(
+        before, mount_of(rig.R_world_camera(BASE_FIXED_MOUNT), rig.centre(BASE_FIXED_MOUNT))
     )
-    assert not before.mount_is_told
-    assert after.mount_is_told
+    assert not is_configured(before)
+    assert is_configured(after)
     assert (after.camera_tilt, after.camera_roll) == pytest.approx((0.3, -0.1))
     assert (after.camera_yaw, after.camera_forward) == pytest.approx((0.1, 0.2))
     assert after.camera_left == pytest.approx(0.05)
@@ -164,8 +164,9 @@ def test_settings_take_a_mount_and_stay_otherwise_the_same() -> None:
 def test_a_mount_beyond_the_settings_is_refused() -> None:
     behind = CameraMount(yaw=math.pi)
     with pytest.raises(ValueError, match='camera_yaw'):
-        ServoSettings().mounted(
-            mount_of(behind.R_world_camera(BASE_FIXED_MOUNT), behind.centre(BASE_FIXED_MOUNT))
+        with_mount(
+            ServoSettings(),
+            mount_of(behind.R_world_camera(BASE_FIXED_MOUNT), behind.centre(BASE_FIXED_MOUNT)),
         )
 
 

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
     YAW,
 )
 from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate
-from visual_servo_epipolar.core.estimate.map_state import SURPRISE
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose, relative_pose
 from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.mapping.refinement import Geometry
@@ -118,7 +118,7 @@ class DockPose:
         off = self.pose - other.pose
         off[2] = math.remainder(off[2], 2.0 * math.pi)
         covariance = self.covariance + other.covariance
-        return bool(off @ np.linalg.solve(covariance, off) > SURPRISE)
+        return bool(off @ np.linalg.solve(covariance, off) > CONTRADICTING)
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,11 +42,11 @@ DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float6
 INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
-LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
-CERTAINLY_LESS = 0.999  # of it: by more than rounding
+LEAST_TURN = 2e-3  # that is seen in an interval [rad]
 PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
 LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
 LEAST_RESPONSE_POWER = 2e-3  # the same, where none is changed for it [rad^2]
+SOON_S = 0.5  # in which a base follows whose delay is unknown
 LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
 GAINS = 0.6, 1.6  # turns seen over turns commanded, of a base that obeys
 UNEXPLAINED = 0.15  # most share of squared turns that the delay leaves
@@ -128,27 +128,20 @@ def _heading_noise(measurement: Measurement) -> float:
     return LEAST_HEADING_VARIANCE if math.isnan(variance) else variance + LEAST_HEADING_VARIANCE
 
 
-def _zeros() -> FloatArray:
-    return np.zeros(len(DELAYS))
-
-
 @dataclass(frozen=True, eq=False)
 class Delay:
     """
     Delay ``value`` [s], 0 until it is known.
 
-    All shape (31,), by DELAYS: ``seen`` is the sum of turns seen times those commanded, ``power``
-    of the squares of the latter, ``later`` and ``longer`` of the squares of what a delay makes the
-    turns of an interval smaller and larger by, as where they begin and end; ``energy`` of the
-    squares of turns seen [rad^2]. The interval since ``since_ns`` began at a ``heading`` error
-    [rad], which was given ``by_memory`` or by two views; nan before the first.
+    Rows of ``sums``, (4, 31), by DELAYS, are of turns seen times those commanded, of the squares
+    of the latter, and of the squares of what a delay makes the turns of an interval smaller and
+    larger by, as where they begin and end; ``energy`` of the squares of turns seen [rad^2]. The
+    interval since ``since_ns`` began at a ``heading`` error [rad], which was given ``by_memory``
+    or by two views; nan before the first.
     """
 
     value: float = 0.0
-    seen: FloatArray = field(default_factory=_zeros)
-    power: FloatArray = field(default_factory=_zeros)
-    later: FloatArray = field(default_factory=_zeros)
-    longer: FloatArray = field(default_factory=_zeros)
+    sums: FloatArray = field(default_factory=lambda: np.zeros((4, len(DELAYS))))
     energy: float = 0.0
     since_ns: int = 0
     heading: float = math.nan
@@ -175,25 +168,18 @@ class Delay:
             or abs(turn) > PUSHED * settings.max_angular * gap
         ):
             return began
-        # Of a turn that no base need follow, none tells nothing.
-        slow = max(LEAST_TURN, gap * largest_dead_band(settings.max_angular))
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
         commanded = float(np.abs(turns).max())
-        if abs(turn) < CERTAINLY_LESS * LEAST_TURN and commanded < slow:
+        # Of a turn that no base need follow, none tells nothing.
+        if abs(turn) < LEAST_TURN and commanded < gap * largest_dead_band(settings.max_angular):
             return began
         largest = max(abs(turn), commanded)
-        if largest < LEAST_TURN:
-            return began
         keep = math.exp(-largest * largest / FADING)
         change = np.abs(turns) - abs(turns[_up_to(settings.configured_latency)[-1]])
-        after = replace(
-            began,
-            seen=keep * self.seen + turn * turns,
-            power=keep * self.power + turns * turns,
-            later=keep * self.later + np.minimum(change, 0.0) ** 2,
-            longer=keep * self.longer + np.maximum(change, 0.0) ** 2,
-            energy=keep * self.energy + turn * turn,
-        )
+        shorter, longer = np.minimum(change, 0.0), np.maximum(change, 0.0)
+        more = np.stack([turn * turns, turns * turns, shorter * shorter, longer * longer])
+        energy = keep * self.energy + turn * turn
+        after = replace(began, sums=keep * self.sums + more, energy=energy)
         return replace(after, value=after._value(settings))
 
     def _value(self, settings: DriveSettings) -> float:
@@ -202,7 +188,7 @@ class Delay:
         usual, stated = _usual(settings.configured_latency), _up_to(settings.configured_latency)
         soon, best = int(left[usual].argmin()), int(left.argmin())
         if best not in usual:
-            both_ends = min(self.later[best], self.longer[best])
+            both_ends = self.sums[2:, best].min()
             clear = min(both_ends, left[stated].min()) >= max(CLEARLY * left[best], LEAST_CHANGE)
             return float(DELAYS[best]) if clear and self._fits(left, best) else self.value
         known = int(np.abs(DELAYS - self.value).argmin())
@@ -211,12 +197,13 @@ class Delay:
 
     def _left(self, least_power: float) -> FloatArray:
         """Return the squares of turns that each delay leaves unexplained, shape (31,) [rad^2]."""
-        left = self.energy - self.seen**2 / np.maximum(self.power, 1e-12)
-        return np.where((self.seen > 0.0) & (self.power >= least_power), left, self.energy)
+        seen, power = self.sums[:2]
+        left = self.energy - seen**2 / np.maximum(power, 1e-12)
+        return np.where((seen > 0.0) & (power >= least_power), left, self.energy)
 
     def _fits(self, left: FloatArray, place: int) -> bool:
         """Return whether the delay in ``place`` explains the turns, with wheels that obey."""
-        gain = self.seen[place] / max(self.power[place], 1e-12)
+        gain = self.sums[0, place] / max(self.sums[1, place], 1e-12)
         return bool(left[place] <= UNEXPLAINED * self.energy and GAINS[0] < gain < GAINS[1])
 
     @property

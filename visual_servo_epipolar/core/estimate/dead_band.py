@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.estimate.base_model import (
     heading_deviation,
     largest_dead_band,
     MOST_CURVATURE,
+    SOON_S,
 )
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -16,7 +17,6 @@ from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.window import Y
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
-LATE_S = 0.5  # by which a base may follow late whose delay is unknown
 # After that, in which it follows if it does at all; on a way, where wheels may undo a turn.
 PATIENCE_S, PATIENCE_ON_WAY_S = 0.3, 1.0
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
@@ -87,10 +87,10 @@ class Threshold:
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
-        gap = not 0.0 < dt <= LATE_S
+        gap = not 0.0 < dt <= SOON_S
         if turns or gap or not math.isfinite(deviation) or abs(velocity) > most:
             return Threshold(self.value, stood=self.stood, bend=self.bend)
-        late = max(LATE_S, latency)
+        late = max(SOON_S, latency)
         pulses = self.value > 0.0 and stands
         paused = not pulses and self.idle > late  # what came before has acted
         lasted = self.lasted + dt if side and not paused else 0.0
@@ -126,7 +126,7 @@ class Threshold:
 
     def _judged(self, position: float, dt: float, most: float) -> 'Threshold':
         """Return the threshold after what was asked has led to ``position``."""
-        again = Threshold(self.value, self.side, LATE_S, position, idle=self.idle, bend=self.bend)
+        again = Threshold(self.value, self.side, SOON_S, position, idle=self.idle, bend=self.bend)
         if self.drives and not self.gone:
             return again  # the base is deaf
         bend = (position - self.origin - self.asked) / self.way if self.way else math.inf

@@ -22,7 +22,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.least_squares import least_squares
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING, least_squares
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
 from visual_servo_epipolar.core.twoview.measurement import Measurement
@@ -37,10 +37,8 @@ SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
 LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad]
 REMEMBERED = 0.1  # least deviation of the logarithm of a distance by a memory of views
-CONTRADICTED = 4.0  # deviations off that, beyond which the distance of before counts no more
-# Change of the logarithm of a distance: that beyond which an update is iterated; at the end of
-# that, and of one step at most.
-LINEAR, CONVERGED, LONGEST_STEP, MOST_ITERATIONS = 0.1, 0.02, 0.7, 8
+# Change of the logarithm of a distance: at the end of iterations, and of one step at most.
+CONVERGED, LONGEST_STEP, MOST_ITERATIONS = 0.02, 0.7, 8
 # Deviation of the logarithm of a distance that is known: at first, and after a missed attempt.
 RANGED = (0.25, 0.5)
 MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
@@ -274,12 +272,6 @@ def corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> E
     )
 
 
-def is_linear(belief: Extrinsics, psi: float, deviation: float) -> bool:
-    """Return whether ``psi`` [rad] leaves the distance so much alike that one update will do."""
-    after, _ = seen(belief, psi, deviation)
-    return bool(abs(after.mean[RHO] - belief.mean[RHO]) <= LINEAR)
-
-
 def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     """
     Return the belief after a memory of views gave the ``distance`` [m], by what was driven.
@@ -290,7 +282,7 @@ def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     distance = max(distance, NEAREST)
     innovation = math.log(distance) - before.mean[RHO]
     variance, known = max(REMEMBERED, deviation / distance) ** 2, before.covariance[RHO, RHO]
-    if abs(innovation) > CONTRADICTED * math.sqrt(variance + known):
+    if innovation * innovation > CONTRADICTING * (variance + known):  # that of before is wrong
         mean, covariance = before.mean.copy(), before.covariance.copy()
         mean[RHO] = math.log(distance)
         covariance[RHO] = covariance[:, RHO] = 0.0
@@ -323,7 +315,7 @@ def update_extrinsics(
     if deviation > UNCERTAIN:
         bearings = None
     after = moved(before, heading)
-    if bearings and not switched and not is_linear(after, bearings.psi, deviation):
+    if bearings and not switched:
         after = moved_to(before, heading, bearings.psi, deviation)
     if measurement.offset is not None:
         after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)

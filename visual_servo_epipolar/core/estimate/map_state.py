@@ -12,6 +12,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, FloatArray, IntArray, ROUNDING
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import (
     difference_slope,
@@ -35,7 +36,6 @@ PLACE = HEADING + 1
 SLIP, UNKNOWNS = PLACE, PLACE + 1
 FIRST_SLIP, SLIP_WALK = 0.05, 0.02  # its deviation at first, and its change after a metre
 TURN_OF_WAY, ASIDE = 0.1, 0.003  # turn that a way may add [rad/m], and what it leads aside by
-SURPRISE = 16.0  # square of a leap, in deviations, after which what was known counts no more
 LEAST = ROUNDING**2 * np.eye(PLACE)
 IDENTITY = np.eye(UNKNOWNS)
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
@@ -107,7 +107,7 @@ def filter_pose(
     both[:, :UNKNOWNS], both[:, UNKNOWNS] = before.covariance[:PLACE], change
     shares = np.linalg.solve(before.covariance[:PLACE, :PLACE] + own, both)
     gain = shares[:, :UNKNOWNS].T
-    if change @ shares[:, UNKNOWNS] > SURPRISE:
+    if change @ shares[:, UNKNOWNS] > CONTRADICTING:
         return said, first_pose(mean, own, before.decayed_motion)
     known = _symmetric(before.covariance - gain @ before.covariance[:PLACE])
     now = FilteredPose(before.mean + gain @ change, known, before.decayed_motion)
@@ -130,7 +130,7 @@ def agrees(said: MapLocalization, place: FilteredPose) -> bool:
     """Return whether a recollection is of a robot at ``place``, within the noise of a view."""
     change = _change(said, place)
     covariance = said.own[:PLACE, :PLACE] + place.covariance[:PLACE, :PLACE]
-    return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
+    return float(change @ np.linalg.solve(covariance, change)) <= CONTRADICTING
 
 
 def _change(said: MapLocalization, place: FilteredPose) -> FloatArray:

@@ -27,6 +27,7 @@ from visual_servo_epipolar.core.estimate.base_model import (
     MOST_CURVATURE,
     MOST_DELAY_S,
     MOST_TURN_RATIO,
+    SOON_S,
 )
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
@@ -39,15 +40,13 @@ NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordin
 STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of a standing robot at most [rad], [deviations]
 TURN_DEVIATIONS = 6.0  # that a turn between two views may be wrong by, of a parallax
 ASKED_TURN, MOVED_PARALLAX = 0.1, 11.0  # that are certainly seen, if made [rad], [deviations]
-# For how long slow commands, that a dead band may swallow, are not followed at least, and any at
-# all by a base that did not follow before, nor has moved since [s].
-SLOWLY_S, UNRESPONSIVE_S = 3.0, 6.0
-SHARE = 0.25  # of what was commanded, that a standing robot moves at most
+# For how long slow commands, that a dead band may swallow, are not followed at least [s]; any at
+# all, by a base that did not follow before, nor has moved since, for twice as long.
+SLOWLY_S = 3.0
 # By which a turn may differ from commands: at least [rad], and in parallax, which a rotation alone
 # explains wrong.
 LEAST_TURN, TURN_OF_PARALLAX = 0.04, 1.5
 AGAINST = 0.4, 2.5  # turns seen over turns commanded, of an image that turns against commands
-SOON_S = 0.5  # in which a base usually follows
 TURNED_BACK = 0.3  # of a turn, after a single wrong reading
 LEAST_SLIP = 0.02  # that ends a run [rad]
 STAMPS_S = 0.02  # by which stamps of joints and images may be apart
@@ -169,7 +168,7 @@ class Asked:
     ) -> str:
         """Return in words what a base that stands had to follow by now; or ''."""
         lasted = 0.0 if self.since_ns is None else seconds_between(self.since_ns, now_ns)
-        if self.unresponsive and lasted > UNRESPONSIVE_S:
+        if self.unresponsive and lasted > 2.0 * SLOWLY_S:
             return _not_followed('a slow motion')
 
         def is_due(asked: FloatArray, limit: float) -> bool:
@@ -178,8 +177,7 @@ class Asked:
             return bool(fast) or lasted >= SLOWLY_S
 
         turn, way = (float(np.abs(asked).min()) for asked in (self.turns, self.ways))
-        shows = turn > ASKED_TURN and abs(seen.turn) < SHARE * turn
-        if shows and is_due(self.turns, settings.max_angular):
+        if turn > ASKED_TURN and is_due(self.turns, settings.max_angular):
             return _not_followed(f'a turn of {turn:.2f} rad')
         shows = way * parallax_of_way > MOVED_PARALLAX * seen.noise
         if shows and is_due(self.ways, settings.max_linear):

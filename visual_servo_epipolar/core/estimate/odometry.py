@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.estimate.base_model import (
     FASTER,
     heading_deviation,
     MOST_CONTRADICTIONS,
+    MOST_DEVIATION,
     SLOWER,
 )
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
@@ -30,7 +31,6 @@ DEVIATIONS = 5.0  # of a turn that is seen
 TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_TURN, LEAST_WAY = 0.15, 0.1, 0.12, 0.01, 0.003
 BETTER = 0.5  # of its error, that commands must have: else they are wrong as well
 JUMP_SPEEDS, JUMP_WAY, JUMP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
-MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
 COMMANDED_WAY = 0.4  # commanded, after which it is held against that [m]
 LATE = 0.17  # of a way commanded, that a base obeys late [m]
 NO_LONGER = 'it is not used any more in this run, which goes on by commands'

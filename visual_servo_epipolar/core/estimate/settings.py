@@ -6,7 +6,7 @@ Laws and estimators are given ``DriveSettings``; what a law is named after is lo
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, cast, ClassVar, TypeAlias, TypeVar
 
@@ -17,7 +17,6 @@ from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.estimate.extrinsics import configured_extrinsics, Extrinsics
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.window import MapSettings
-from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, Joints, Rig
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
@@ -25,7 +24,6 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 WHEELS_LAG = 0.002  # by which images and odometry may be apart [m]: their stamps are of one clock
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
-MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))
 DEFAULT_LAW = 'full'
 TEXT = (
     'Control law: paper (sign as printed), corrected (true sigma), full (all departures), smooth '
@@ -489,22 +487,6 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     def map_by_wheels(self) -> MapSettings:
         """Bounds of a map whose scale is that of the odometry."""
         return MapSettings(scale_deviation=self.path_deviation, lag=WHEELS_LAG)
-
-    @property
-    def mount_is_told(self) -> bool:
-        """Whether any setting says how the camera is mounted."""
-        return any(getattr(self, name) != getattr(DriveSettings, name) for name in MOUNT)
-
-    def mounted(self: SettingsT, mount: Mount) -> SettingsT:
-        """
-        Return the settings of a camera mounted as in a description of the robot.
-
-        A drawing is seldom measured: deviations stay what they are.
-
-        Raises ValueError if it is beyond what the settings allow.
-        """
-        configured = zip(MOUNT, astuple(mount), strict=True)
-        return type(self)(**{**self.__getstate__(), **dict(configured)})
 
     @cached_property
     def carrier(self) -> Rig:

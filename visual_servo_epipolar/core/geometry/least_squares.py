@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, IntArray, NORMAL
 
 LARGEST_CONDITION = 1.0 / float(np.finfo(np.float64).eps)  # of equations that say something
 USUAL_SQUARES = 1.3863  # median of sums of two squares of normal noise of deviation 1: 2 log 2
+CONTRADICTING = 16.0  # square, in deviations, that noise does not explain
 TUKEY = 4.685  # deviations from which residuals count no more: 95 % efficient for normal noise
 REWEIGHTINGS = 6  # rounds in which robust weights settle
 SMALLEST = 1e-18  # squared residual by which weights are scaled at least

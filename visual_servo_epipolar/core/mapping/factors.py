@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, ROUNDING
 from visual_servo_epipolar.core.mapping.window import (
     KeyframeWindow,
     LENS,
@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.mapping.window import (
 from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of an unknown scale
-LEAST_WAY = 1e-9  # that has a direction [m]
 LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured
 LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
 
@@ -80,9 +79,9 @@ class Factors:
         """Return the residual of the scale, the way of each view, and the geometry's whole way."""
         steps = np.diff(unknowns.views[:, :2], axis=0)
         ways = np.hypot(steps[:, 0], steps[:, 1])
-        whole = max(float(ways.sum()), LEAST_WAY)
-        expected = self.way if self.way > LEAST_WAY else whole
-        directions = steps / np.maximum(ways, LEAST_WAY)[:, None]
+        whole = max(float(ways.sum()), ROUNDING)
+        expected = self.way if self.way > ROUNDING else whole
+        directions = steps / np.maximum(ways, ROUNDING)[:, None]
         return math.log(whole / expected) / self.scale_deviation, directions, whole
 
     def at_scale(self, unknowns: Unknowns) -> Unknowns:
@@ -92,7 +91,7 @@ class Factors:
     def ratio(self, unknowns: Unknowns) -> float:
         """Return how many times as large the geometry is by the driven way."""
         residual, _, whole = self._scale(unknowns)
-        is_known = whole > LEAST_WAY and math.isfinite(self.scale_deviation)
+        is_known = whole > ROUNDING and math.isfinite(self.scale_deviation)
         return math.exp(-residual * self.scale_deviation) if is_known else 1.0
 
     def cost(self, unknowns: Unknowns) -> float:
@@ -120,7 +119,7 @@ class Factors:
 def factors_of(mount: Attitude, window: KeyframeWindow, settings: MapSettings) -> Factors:
     """Return the factors of a ``window``; without a driven way the scale is a guess."""
     way = float(window.ways.sum())
-    known = math.isfinite(way) and way > LEAST_WAY
+    known = math.isfinite(way) and way > ROUNDING
     lag = settings.lag / way if known else math.inf
     deviation = min(math.hypot(settings.scale_deviation, lag), UNKNOWN_SCALE)
     return Factors(mount, len(window), way if known else 0.0, deviation)

@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.cheirality import VOTE_SATURATION
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.least_squares import USUAL_SQUARES
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING, USUAL_SQUARES
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping.factors import factors_of
@@ -46,12 +46,12 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 STEPS, LAST_STEPS, ROUNDS = 2, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
-DECISIVE, LIKELY = 16.0, 4.0  # of cost, by which one geometry must fit better than another
+LIKELY = 4.0  # of cost, by which the likelier of two geometries must fit better
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
 LEAST_AGREEING = 0.5  # of the trusted features in a view, or of the map's
-MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 LEAST_TRUSTED = 0.35  # of the features
+MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
 FARTHEST = 10.0  # ways to the first view that another may be off
 LEAST_DEPTH = 0.2  # of the way between the views
@@ -96,7 +96,7 @@ def initial_geometry(
         fitting = [each for each in fitting if len(each.window) >= len(best.window)]
         best, *others = sorted(fitting, key=_cost)
     # Of bearings without a rival two views show that they are true, as well.
-    margin = LIKELY if len(tried) == 1 and best is found[0] else DECISIVE
+    margin = LIKELY if len(tried) == 1 and best is found[0] else CONTRADICTING
     decided = best.converged and not any(is_rival(best, other, margin) for other in others)
     return refine(best.evaluation, 0, best.damping) if decided else None  # at the driven scale
 
@@ -129,7 +129,7 @@ def _plane(geometry: Geometry) -> FloatArray:
     return np.asarray(np.linalg.lstsq((rays * weight).T, near * weight, rcond=None)[0])
 
 
-def is_rival(best: Geometry, other: Geometry, margin: float = DECISIVE) -> bool:
+def is_rival(best: Geometry, other: Geometry, margin: float = CONTRADICTING) -> bool:
     """Whether ``other`` fits nearly as well from other places: more views must tell."""
     if _cost(other) > _cost(best) + margin:
         return False

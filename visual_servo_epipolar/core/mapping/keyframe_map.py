@@ -49,7 +49,6 @@ from visual_servo_epipolar.core.mapping.window import (
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
-FEWEST_NEW = 3
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
 MIN_AGREEING = 5  # of features of the map that agree
@@ -303,7 +302,7 @@ def is_keyframe(
     least = settings.keyframe_spacing * geometry.depth
     if float(np.hypot(offset[:, 0], offset[:, 1]).min()) > least:
         return True
-    enough = max(FEWEST_NEW, NEW_SHARE * observations)
+    enough = NEW_SHARE * observations
     if new < enough or not math.hypot(pose[X], pose[Y]) > least:
         return False
     settled = int(((geometry.window.seen.sum(0) > 1) & geometry.trusted).sum())

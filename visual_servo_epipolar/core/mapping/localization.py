@@ -5,11 +5,10 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, ROUNDING
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD
-from visual_servo_epipolar.core.mapping.factors import LEAST_WAY
 from visual_servo_epipolar.core.mapping.projection import points_of, Structure, turns_of
 from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import HEADING, X, Y
@@ -64,7 +63,7 @@ class MapLocalization:
     @property
     def bearings(self) -> Bearings | None:
         """The oriented bearings of the cameras; None at the goal."""
-        if not self.distance > LEAST_WAY:
+        if not self.distance > ROUNDING:
             return None
         psi = math.atan2(self.pose[Y], self.pose[X])
         phi = psi - float(self.pose[HEADING]) - 0.5 * math.pi
@@ -74,7 +73,7 @@ class MapLocalization:
     def bearings_covariance(self) -> FloatArray:
         """Covariance of (psi, phi), (2, 2) [rad^2]: without bound towards the goal."""
         x, y = self.lateral, self.longitudinal
-        square = max(x * x + y * y, LEAST_WAY**2)
+        square = max(x * x + y * y, ROUNDING**2)
         right, ahead = -y / square, x / square
         slope = np.array([[right, ahead, 0.0], [right, ahead, -1.0]])
         return np.asarray(slope @ self.covariance[:3, :3] @ slope.T)

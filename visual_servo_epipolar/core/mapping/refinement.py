@@ -12,7 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.geometry.least_squares import Damped, Equations, least_squares
+from visual_servo_epipolar.core.geometry.least_squares import (
+    CONTRADICTING,
+    Damped,
+    Equations,
+    least_squares,
+)
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
 from visual_servo_epipolar.core.mapping.projection import (
@@ -36,7 +41,6 @@ DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
 LEAST_INVERSE_DEPTH = 1e-6  # [1/m]
 WRONG_SHARE = 0.4  # of the observations that are outliers, from which the whole feature is one
-WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
 # Times nearer than the median feature, by so few views: wrong matches near the photograph are.
 NEAREST, FEW_VIEWS = 50.0, 2
 RETURN = 0.6  # of both bounds: what was wrong must be well below to count again
@@ -319,7 +323,7 @@ def judge_matches(at: Evaluation) -> Evaluation:
     outlying = (seen & (_squares_ahead(at) > OUTLIER)).sum(0) / np.maximum(seen.sum(0), 1)
     offset = (at.unknowns.offsets**2).sum(0)
     slack = np.where(at.trusted, 1.0, RETURN)
-    trusted = (outlying <= slack * WRONG_SHARE) & (offset <= slack * WRONG_OFFSET)
+    trusted = (outlying <= slack * WRONG_SHARE) & (offset <= slack * CONTRADICTING)
     near = at.unknowns.inverse_depth
     usual = median(near[at.trusted]) if at.trusted.any() else 0.0
     if usual > 0.0:  # what few views show may be anywhere

@@ -1,16 +1,19 @@
 """Fixed mount: the pose on the base of a camera that no joint turns, and its margins."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 import math
+from typing import TypeVar
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Edges, Gaze, Joints, Lean
+from visual_servo_epipolar.core.settings import Settings
 
 STEEPEST = math.radians(46.0)  # of an optical axis off the floor's plane
 MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
+SettingsT = TypeVar('SettingsT', bound=Settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,24 @@ def mount_of(R_base_camera: FloatArray, origin: FloatArray) -> Mount:
         forward=float(origin[0]),
         left=float(origin[1]),
     )
+
+
+AHEAD = Mount(tilt=0.0, roll=0.0, yaw=0.0, forward=0.0, left=0.0)
+
+
+def is_configured(settings: Settings) -> bool:
+    """Return whether any of the ``settings`` says how the camera is mounted."""
+    return any(getattr(settings, f'camera_{name}') for name in asdict(AHEAD))
+
+
+def with_mount(settings: SettingsT, mount: Mount) -> SettingsT:
+    """
+    Return the settings of a camera mounted as in a description of the robot.
+
+    A drawing is seldom measured: deviations stay what they are. Raises ValueError if it is beyond
+    what the settings allow.
+    """
+    return replace(settings, **{f'camera_{name}': value for name, value in asdict(mount).items()})
 
 
 def camera_swing(before: float, heading: float) -> FloatArray:
