@@ -8,12 +8,11 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.bases import LEVEL
 from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.rigs import exposed_from, SimulatedRig
 from visual_servo_epipolar.simulation.sensor import (
     CameraMotion,
     DESIRED_FRAME,
@@ -81,10 +80,6 @@ class PointWorld:
     def observe(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
         pixels, visible = self.project(pose, frame, motion)
-        return self.tracked(pixels, visible, frame)
-
-    def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
-        """Return the features at true ``pixels``, shape (N, 2), where ``visible``, shape (N,)."""
         taken_for = self.taken_for(frame)
         if taken_for is not None:
             pixels, visible = pixels[taken_for], visible[taken_for]
@@ -103,29 +98,14 @@ class PointWorld:
         self, pose: Pose, frame: int = DESIRED_FRAME, motion: CameraMotion = STILL
     ) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        return self.rolling(self.seen(pose, frame, motion), self._shutter.zoom(frame))
-
-    def seen(self, pose: Pose, frame: int, motion: CameraMotion = STILL) -> FloatArray:
-        """
-        Return the points in axes of the camera, shape (M, N, 3).
-
-        M = 3 are at the readout of the first, the middle and the last row, 1 where rows share it.
-        """
-        twist, nod, joints = motion
-        rolls = self._shutter.readout > 0.0 and frame != DESIRED_FRAME
-        times = [self._shutter.readout * share for share in (0.0, 0.5, 1.0)] if rolls else [0.0]
-        poses = [integrate(pose, twist, time) if time else pose for time in times]
-        places = [self.rig.camera_pose(pose, frame, joints) for pose in poses]
-        if nod != LEVEL:
-            pitches = [nod.pitch + nod.rate * time for time in times]
-            places = [pitched(*each) for each in zip(places, poses, pitches, strict=True)]
-        return np.stack([(self.points - centre) @ axes for axes, centre in places])
-
-    def rolling(self, points: FloatArray, zoom: float) -> tuple[FloatArray, BoolArray]:
-        """Return pixels, shape (N, 2), and which are in view, shape (N,), of what was ``seen``."""
-        camera = self.camera
+        camera, shutter = self.camera, self._shutter
+        readout, zoom = 0.0 if frame == DESIRED_FRAME else shutter.readout, shutter.zoom(frame)
+        # In axes of the camera, at the readout of the first, the middle and the last row.
+        times = (0.0, 0.5 * readout, readout) if readout > 0.0 else (0.0,)
+        places = [exposed_from(self.rig, pose, frame, motion, time) for time in times]
+        points = np.stack([(self.points - centre) @ axes for axes, centre in places])
         pixels, visible = in_image(points[len(points) // 2], camera)
-        for _ in range(ROUNDS if len(points) > 1 else 0):
+        for _ in range(ROUNDS if readout > 0.0 else 0):
             rows = np.clip(np.nan_to_num(pixels[..., 1]) / camera.height, 0.0, 1.0)
             pixels, visible = in_image(interpolated(points, rows), camera)
         if zoom != 1.0:

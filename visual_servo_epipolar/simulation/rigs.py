@@ -10,9 +10,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, wrap_angle
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.sensor import CameraMotion, DESIRED_FRAME
 
 
 class CameraPose(NamedTuple):
@@ -173,6 +173,16 @@ class SimulatedRig:
         axes = self.mount.R_world_camera(panned, tilt=joints.tilt + tilt, roll=roll)
         bumps = 0.0 if frame is None else self.bumps
         return on_bumps(CameraPose(axes, self.mount.centre(pose)), pose, bumps, self.seed)
+
+
+def exposed_from(
+    rig: SimulatedRig, pose: Pose, frame: int | None, motion: CameraMotion, time: float = 0.0
+) -> CameraPose:
+    """Return where the camera is ``time`` [s] after its robot was at ``pose``, in a ``motion``."""
+    pose = integrate(pose, motion.twist, time) if time else pose
+    place = rig.camera_pose(pose, frame, motion.joints)
+    pitch = motion.nod.pitch + motion.nod.rate * time
+    return pitched(place, pose, pitch) if pitch else place
 
 
 class TrueGeometry(NamedTuple):

@@ -11,12 +11,12 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.bases import Nod
 from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
-from visual_servo_epipolar.simulation.rigs import pitched, SimulatedRig
+from visual_servo_epipolar.simulation.rigs import exposed_from, SimulatedRig
 from visual_servo_epipolar.simulation.sensor import CameraMotion, in_image, MAX_RAY, Shutter, STILL
 
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
@@ -64,10 +64,7 @@ class Renderer:
 
         It is that of an instant of the ``motion``, and black where nothing is seen.
         """
-        pose = integrate(pose, motion.twist, time) if time else pose
-        place = self.rig.camera_pose(pose, frame, motion.joints)
-        pitch = motion.nod.pitch + motion.nod.rate * time
-        axes, centre = pitched(place, pose, pitch) if pitch else place
+        axes, centre = exposed_from(self.rig, pose, frame, motion, time)
         image: Image = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
         for face in self._faces:
             view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
