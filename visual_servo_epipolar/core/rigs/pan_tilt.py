@@ -13,6 +13,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median, packed
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.rigs.rig import Edges, Gaze, HeadCommand, HeadLimits, Joints, Lean
 
 LEAST_SEEN = 6  # features whose shift tells where the others are
@@ -52,9 +53,9 @@ class PanTiltHead:
         if not any(joints):
             return rays
         lean = lean or Lean(self.limits.tilt, self.limits.roll)
-        upright, at_zero = _roll(lean.roll), _tilt(lean.tilt)
-        tilt = _tilt(lean.tilt + joints.tilt)
-        turned = upright.T @ at_zero.T @ rotation_desired_current(joints.pan) @ tilt @ upright
+        at_zero = rotation_level_camera(lean.tilt, lean.roll)
+        tilted = rotation_level_camera(lean.tilt + joints.tilt, lean.roll)
+        turned = at_zero.T @ rotation_desired_current(joints.pan) @ tilted
         return np.asarray(rays @ turned.T)
 
     def edges(self, edges: Edges, joints: Joints) -> Edges:
@@ -115,15 +116,3 @@ def _shift(current: FloatArray, desired: FloatArray) -> float:
     moved = now - then
     mean = math.atan2(float(np.sin(moved).sum()), float(np.cos(moved).sum()))
     return mean + median(np.remainder(moved - mean + math.pi, 2.0 * math.pi) - math.pi)
-
-
-def _tilt(angle: float) -> FloatArray:
-    """Return the turn of rays by a camera that looks down."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine]])
-
-
-def _roll(angle: float) -> FloatArray:
-    """Return the turn of rays by a camera that leans clockwise."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
