@@ -82,12 +82,17 @@ def test_what_was_learnt_of_the_base_as_it_stood_survives_a_hold() -> None:
     assert held.identified.dead_band == learnt
 
 
-@pytest.mark.parametrize('scale', [1.0, 2.0])
-def test_nobody_sets_off_by_a_focal_length_that_the_matches_contradict(scale: float) -> None:
+def told_as(scale: float) -> Observation:
+    """Return views of a camera whose focal length is told ``scale`` times as long."""
     rng = np.random.default_rng(0)
     views = matches(Pose.from_start(1.0, -3.5, 8.0), count=120)
     seen = [through_lens(blurred(rays, 0.2 / 769.0, rng), 1.0 / scale) for rays in views]
-    state = step(ServoState(), Observation(10**8, *seen, scale * 769.0), SETTINGS)
+    return Observation(10**8, *seen, scale * 769.0)
+
+
+@pytest.mark.parametrize('scale', [1.0, 2.0])
+def test_no_robot_sets_off_by_a_focal_length_that_the_matches_contradict(scale: float) -> None:
+    state = step(ServoState(), told_as(scale), SETTINGS)
     if scale == 1.0:
         assert state.phase is Phase.DISPLACING
         return
@@ -96,11 +101,7 @@ def test_nobody_sets_off_by_a_focal_length_that_the_matches_contradict(scale: fl
 
 
 def test_a_retreat_is_not_begun_by_such_a_focal_length_either() -> None:
-    rng = np.random.default_rng(0)
-    views = matches(Pose.from_start(1.0, -3.5, 8.0), count=120)
-    seen = [through_lens(blurred(rays, 0.2 / 769.0, rng), 2.0) for rays in views]
-    wrong = Observation(10**8, *seen, 0.5 * 769.0)
-    driving = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight())
+    wrong, driving = told_as(0.5), in_phase(Phase.ZEROING_EPIPOLES, measurement=sight())
     state, event = check_lens(driving, wrong, Event.SIDEWAYS, SETTINGS)
     assert event is Event.LOST
     assert state.measurement is not None

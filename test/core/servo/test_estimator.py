@@ -65,9 +65,7 @@ def test_one_view_of_four_is_estimated_once_the_memory_knows(driven, monkeypatch
 
 
 def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
-    state, seen, servo = next(
-        it for it in driven if it[0].view.memory and it[0].view.memory.two_view_skip
-    )
+    state, seen, servo = first_spared(driven)
     assert perceive(seen, servo, state.view.frame, state.view.memory).measurement.bearings is None
     after = step(state.changed(goal=Goal()), seen, servo)
     assert after.measurement is not None
@@ -78,9 +76,7 @@ def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
 
 def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> None:
     """A few of the remembered features in view: they agree, but the bearing is known to 7 deg."""
-    state, seen, servo = next(
-        it for it in driven if it[0].view.memory and it[0].view.memory.two_view_skip
-    )
+    state, seen, servo = first_spared(driven)
     localize = estimator.localize
 
     def unsure(*args: object, **keywords: object) -> object:
@@ -97,9 +93,7 @@ def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> 
 
 
 def test_wrong_matches_that_the_memory_found_do_not_count_for_the_margins(driven) -> None:
-    state, seen, servo = next(
-        it for it in driven if it[0].view.memory and it[0].view.memory.two_view_skip
-    )
+    state, seen, servo = first_spared(driven)
     everything = perceive(seen, servo, state.view.frame, replace(state.view.memory, wrong=()))
     rightmost = np.argsort(np.arctan2(seen.current[:, 0], seen.current[:, 2]))[-20:]
     wrong = tuple(seen.ids[rightmost].tolist())
