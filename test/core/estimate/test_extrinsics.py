@@ -239,6 +239,16 @@ def test_before_one_of_two_geometries_is_left_no_mount_is_learnt() -> None:
     np.testing.assert_array_equal(belief.mean[YAW:], ON_AXLE)
 
 
+@pytest.mark.parametrize('missed', [False, True])
+def test_once_two_geometries_have_fitted_a_mount_is_believed_after_a_miss_alone(missed) -> None:
+    belief, (first, *later) = unknown(), frames(MOUNTS[0])
+    ambiguous = replace(first[0], rivals=(first[0].bearings, first[0].bearings.reversed()))
+    for measurement, travel, _ in [(ambiguous, *first[1:]), *later]:
+        belief = update_extrinsics(belief, measurement, travel, missed=missed)
+    assert belief.believed is missed
+    assert belief.mean[YAW] == pytest.approx(MOUNTS[0][0], abs=math.radians(1.0))
+
+
 def test_what_is_not_seen_leaves_the_path_to_go_on() -> None:
     belief = unknown()
     for number, (measurement, travel, distance) in enumerate(frames(MOUNTS[0])):

@@ -9,7 +9,6 @@ import pytest
 from servo_states import (
     BEARINGS,
     estimated,
-    goal,
     in_phase,
     learnt_yaw,
     MEMORY,
@@ -26,14 +25,13 @@ from visual_servo_epipolar.core.estimate.extrinsics import MAX_CONTRADICTIONS, Y
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.memory import yaw_learnt
-from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
 from visual_servo_epipolar.core.rigs.rig import Command
-from visual_servo_epipolar.core.servo.estimator import MANY_RESTARTS
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import advance, step, switch_phase
+from visual_servo_epipolar.core.servo.supervisor import advance, step
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import Perception
@@ -44,16 +42,6 @@ from visual_servo_epipolar.core.twoview.perceive import Perception
 def contradicted(phase: Phase) -> ServoState:
     """Return a state at which one more bearing off the path is too much."""
     return in_phase(phase, extrinsics=ranged(contradictions=MAX_CONTRADICTIONS))
-
-
-def test_a_mount_with_which_step_1_goes_to_and_fro_is_forgotten() -> None:
-    state = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=ranged(), attempts=1)
-    seen, known = goal(sight(), state), []
-    for _ in range(MANY_RESTARTS + 1):
-        state = switch_phase(state, seen, Event.ESCAPED, SETTINGS)
-        known.append(state.identified.extrinsics is not None)
-        state = state.changed(phase=Phase.ZEROING_EPIPOLES, extrinsics=ranged())
-    assert known == [True] * (MANY_RESTARTS - 1) + [False, True]
 
 
 # Where the robot has not gone: the line of sight turned by a radian while it turned by 0.1.

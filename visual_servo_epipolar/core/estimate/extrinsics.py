@@ -73,7 +73,8 @@ class Extrinsics:
     ``heading`` error [rad] and ``travel`` [m] are those of the last update and since. ``placed``
     says whether there was any, ``believed`` whether the learnt mount differs from that;
     ``contradictions`` counts bearings that commands do not explain, less those that they do;
-    ``remembers`` says whether the bearings are those of a memory of views.
+    ``remembers`` says whether the bearings are those of a memory of views, ``ambiguous`` whether
+    two geometries have fitted one of them: it is believed only after a miss then.
     """
 
     configured: FloatArray
@@ -86,6 +87,7 @@ class Extrinsics:
     believed: bool = False
     contradictions: int = 0
     remembers: bool = False
+    ambiguous: bool = False
 
     @property
     def mount(self) -> FloatArray:
@@ -303,7 +305,12 @@ def update_extrinsics(
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     remembers = measurement.remembered
     if not before.placed or measurement.rivals:  # which of two it is, its way is to tell first
-        before = replace(before, remembers=remembers, placed=False)
+        before = replace(
+            before,
+            remembers=remembers,
+            placed=False,
+            ambiguous=before.ambiguous or bool(measurement.rivals),
+        )
         return placed(before, bearings, deviation) if bearings else before
     before = replace(before, travel=before.travel + travel)
     heading = measurement.heading_error
@@ -331,8 +338,10 @@ def update_extrinsics(
         return after
     if not is_plausible(after):
         anew = placed(unplaced(before.configured, before.deviations), bearings, deviation)
-        return replace(anew, contradictions=before.contradictions + FAULT)
-    believed = after.believed or is_significant(after, missed)
+        faults = before.contradictions + FAULT
+        return replace(anew, contradictions=faults, ambiguous=before.ambiguous)
+    may = missed or not after.ambiguous
+    believed = after.believed or (may and is_significant(after, missed))
     return replace(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
 
 

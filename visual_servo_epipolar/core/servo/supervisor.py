@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing,
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import Command, Gaze, HeadCommand
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
-from visual_servo_epipolar.core.servo.estimator import estimate, MANY_RESTARTS, update_map
+from visual_servo_epipolar.core.servo.estimator import estimate, update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import pulsed_move, row_of, settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
@@ -98,13 +98,11 @@ def switch_phase(
     if phase is state.phase:
         return _waiting(state, goal, settings)
     restarts = 0 if event is Event.MISSED else state.run.restarts + _gives_up(state.phase, event)
-    misled = restarts == MANY_RESTARTS > state.run.restarts  # by a mount learnt of false bearings
     state = state.changed(
         phase=phase,
         event=event,
         phase_start_ns=goal.stamp_ns,
         run_start_ns=goal.stamp_ns if state.phase is Phase.WAITING else state.run.run_start_ns,
-        extrinsics=None if misled else state.identified.extrinsics,
         mount=None if state.identified.extrinsics is None else state.identified.extrinsics.mount,
         # Bounds of a phase hold when it goes on after tracks were lost.
         travel=state.run.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
