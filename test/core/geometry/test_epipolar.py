@@ -30,6 +30,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     cross_matrix,
     epipoles,
     fundamental_from_bearings,
+    rotation_desired_current,
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
@@ -89,6 +90,14 @@ def test_f_of_a_pose_holds_for_every_point(pose: Pose) -> None:
     fundamental = fundamental_from_pose(K, pose)
     residual = np.einsum('ni,ij,nj->n', desired, fundamental, current)
     np.testing.assert_allclose(residual / np.linalg.norm(fundamental), 0.0, atol=1e-14)
+
+
+@given(poses())
+def test_f_is_the_product_that_section_ii_prints(pose: Pose) -> None:
+    rotation = rotation_desired_current(pose.heading_error)
+    inverse = np.linalg.inv(K)
+    printed = inverse.T @ cross_matrix(np.array([pose.x, 0.0, pose.y])) @ rotation @ inverse
+    assert_same_matrix(fundamental_from_pose(K, pose), printed, 1e-12)
 
 
 @given(bearings())
