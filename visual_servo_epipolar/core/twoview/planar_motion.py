@@ -70,9 +70,10 @@ def matrices(parameters: FloatArray) -> FloatArray:
     level[..., 2, 1, 0], level[..., 2, 1, 2] = -phi.imag, phi.real
     level[..., 4, :, :] = level[..., 0, :, :] @ S_X
     level[..., 3, :, :] = level[..., 4, :, :] - S_X @ level[..., 0, :, :]
-    tilt, roll = parameters[..., TILT], parameters[..., ROLL]
-    jump = tilt + parameters[..., TILT_JUMP], roll + parameters[..., ROLL_JUMP]
-    desired, current = rotation_level_camera(tilt, roll), rotation_level_camera(*jump)
+    # Of the desired camera, and with the jumps of the current one.
+    tilts, rolls = parameters[..., TILT:ROLL].cumsum(-1), parameters[..., ROLL:].cumsum(-1)
+    both = rotation_level_camera(tilts, rolls)
+    desired, current = both[..., 0, :, :], both[..., 1, :, :]
     stack = np.empty((*leading, 7, 3, 3))
     stack[..., :5, :, :] = (
         desired.swapaxes(-2, -1)[..., None, :, :] @ level @ current[..., None, :, :]
