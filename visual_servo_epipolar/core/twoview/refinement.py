@@ -141,11 +141,11 @@ def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
         if done == ITERATIONS or not (step.width > 1.0 or longest >= problem.negligible):
             return parameters, True
         if many and len(parameters) > 1 and done >= rough:
-            parameters = parameters[_best_modes(step.fit._replace(parameters=parameters))]
+            parameters = parameters[_best_modes(step.fit(parameters))]
         return parameters, False
 
     parameters, step = least_squares(start, linearise, moved, ITERATIONS)
-    return step.fit._replace(parameters=parameters)
+    return step.fit(parameters)
 
 
 def _best_modes(fit: Fit) -> IntArray:
@@ -162,19 +162,30 @@ def _best_modes(fit: Fit) -> IntArray:
 
 class Step(NamedTuple):
     """
-    A fit at some parameters, and the ``pull`` away from better ones, (..., P).
+    What a step of Gauss-Newton is made of.
 
-    In round ``number``, 0, 1, ..., the noise is taken for ``width`` times larger.
+    ``squared`` distances, (..., N), and ``slopes``, (..., P, N), are as a Fit has them;
+    ``leaving`` is the price of leaving the prior, (...); in round ``number``, 0, 1, ..., the noise
+    is taken for ``width`` times larger.
     """
 
-    fit: Fit
-    pull: FloatArray
+    equations: Equations
+    squared: FloatArray
+    slopes: FloatArray
+    leaving: FloatArray
     number: int
     width: float
 
     def change(self) -> FloatArray:
         """Return by what parameters are too large, (..., P)."""
-        return Equations(self.fit.information, self.pull).change()
+        return self.equations.change()
+
+    def fit(self, parameters: FloatArray) -> Fit:
+        """Return the fits of ``parameters`` after the step, with the costs before it."""
+        width = self.width
+        costs = np.minimum(self.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
+        costs += self.leaving
+        return Fit(parameters, self.equations.information, costs, self.squared, self.slopes)
 
 
 def _step(problem: Problem, parameters: FloatArray, number: int, width: float) -> Step:
@@ -188,11 +199,10 @@ def _step(problem: Problem, parameters: FloatArray, number: int, width: float) -
     mean, known = problem.prior
     deviation = parameters - mean
     # Never a product of matrices: its bits would depend on how many geometries are side by side.
-    pull_of_prior = (known * deviation[..., None, :]).sum(axis=-1)
-    costs = np.minimum(squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
-    costs += (deviation * pull_of_prior).sum(axis=-1)
-    fit = Fit(parameters, information, costs, squared, rows[..., 1:, :])
-    return Step(fit, pull + pull_of_prior, number, width)
+    prior_pull = (known * deviation[..., None, :]).sum(axis=-1)
+    leaving = (deviation * prior_pull).sum(axis=-1)
+    equations = Equations(information, pull + prior_pull)
+    return Step(equations, squared, rows[..., 1:, :], leaving, number, width)
 
 
 def table_of(
