@@ -299,18 +299,14 @@ def update_extrinsics(
     before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
 ) -> Extrinsics:
     """Return the belief after ``travel`` [m] and a ``measurement``; sooner if ``missed``."""
-    # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
-    known = math.isfinite(measurement.deviation) and not measurement.rivals
-    bearings = measurement.bearings if known else None
-    deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     remembers = measurement.remembered
-    if not before.placed or measurement.rivals:  # which of two it is, its way is to tell first
-        before = replace(
-            before,
-            remembers=remembers,
-            placed=False,
-            ambiguous=before.ambiguous or bool(measurement.rivals),
-        )
+    if measurement.rivals:  # which of two it is, its way is to tell first
+        return replace(before, remembers=remembers, placed=False, ambiguous=True)
+    # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
+    bearings = measurement.bearings if math.isfinite(measurement.deviation) else None
+    deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
+    if not before.placed:
+        before = replace(before, remembers=remembers)
         return placed(before, bearings, deviation) if bearings else before
     before = replace(before, travel=before.travel + travel)
     heading = measurement.heading_error
@@ -319,8 +315,7 @@ def update_extrinsics(
         return before
     # Two views do not know the lens: what they are off by is no motion.
     switched = remembers is not before.remembers
-    if deviation > UNCERTAIN:
-        bearings = None
+    bearings = None if deviation > UNCERTAIN else bearings
     after = moved(before, heading)
     if bearings and not switched:
         after = moved_to(before, heading, bearings.psi, deviation)
@@ -331,17 +326,15 @@ def update_extrinsics(
     before = replace(before, remembers=remembers)
     seen_now = seen_anew if switched else seen
     after, innovation = seen_now(replace(after, remembers=remembers), bearings.psi, deviation)
-    if abs(innovation) > GATE:
-        anew = placed(before, bearings, deviation)
-        return replace(anew, contradictions=before.contradictions + FAULT)
+    has_leapt = abs(innovation) > GATE
+    if has_leapt or not (switched or is_plausible(after)):
+        begun = before if has_leapt else unplaced(before.configured, before.deviations)
+        faults = before.contradictions + FAULT
+        anew = replace(begun, contradictions=faults, ambiguous=before.ambiguous)
+        return placed(anew, bearings, deviation)
     if switched:
         return after
-    if not is_plausible(after):
-        anew = placed(unplaced(before.configured, before.deviations), bearings, deviation)
-        faults = before.contradictions + FAULT
-        return replace(anew, contradictions=faults, ambiguous=before.ambiguous)
-    may = missed or not after.ambiguous
-    believed = after.believed or (may and is_significant(after, missed))
+    believed = after.believed or is_significant(after, missed)
     return replace(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
 
 
@@ -365,7 +358,7 @@ def is_plausible(belief: Extrinsics) -> bool:
 def is_significant(belief: Extrinsics, missed: bool) -> bool:
     """Return whether what was learnt of the mount differs from the configured one, and matters."""
     _, distance, *deviations = np.sqrt(belief.covariance.diagonal()).tolist()
-    if distance > RANGED[missed]:
+    if distance > RANGED[missed] or (belief.ambiguous and not missed):
         return False
     changes = (belief.mean[YAW:] - belief.configured).tolist()
     return any(
