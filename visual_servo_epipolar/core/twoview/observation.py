@@ -136,11 +136,13 @@ class Observation(MatchedRays):
         """Return the jitter of ``attitude`` with what its doubt adds to a view of a head [rad]."""
         if self.head is None:
             return attitude.jitter
-        joints, photograph = self.head.joints, self.head.rig.photograph
-        swing = 2.0 * math.sin(0.5 * (joints.pan - photograph.pan))
+        joints, _, rig = self.head
+        here, photograph = (rig.rays(np.eye(3), at) for at in (joints, rig.photograph))
+        # A lean tilts the camera about its first axis, and rolls it about its last.
+        x, _, z = np.linalg.norm(here - photograph, axis=1).tolist()
         doubts = (
             swing * deviation * math.sqrt(_believed(deviation))
-            for deviation in (attitude.tilt_deviation, attitude.roll_deviation)
+            for swing, deviation in ((x, attitude.tilt_deviation), (z, attitude.roll_deviation))
         )
         return math.hypot(attitude.jitter, *doubts)
 

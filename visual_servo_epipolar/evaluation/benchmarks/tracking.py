@@ -82,11 +82,11 @@ class TrueFeatures:
         """Return the errors of ``features``, tracked from ``pose``."""
         points, on_edge = self.points(features.desired)
         pixels, inside = self.renderer.project(points, pose)
-        ahead = np.asarray(np.isfinite(pixels).all(axis=1))
-        shift = np.where(ahead[:, None], features.current - np.nan_to_num(pixels), np.inf)
+        axes, centre = self.renderer.rig.camera_pose(pose)
+        ahead = (points - centre) @ axes[:, 2] > 0.0
         visible = inside.copy()
         visible[inside] = self.renderer.unhidden(points[inside], pixels[inside], pose)
-        distances = np.asarray(np.hypot(shift[:, 0], shift[:, 1]))
+        distances = np.where(ahead, np.hypot(*(features.current - pixels).T), np.inf)
         return FrameErrors(features, distances, on_edge, ~on_edge & visible)
 
     def points(self, desired: FloatArray) -> tuple[FloatArray, BoolArray]:
