@@ -84,14 +84,18 @@ UPGRADING = """\
 | topics and services in `--help` of a node | `ros2 node info` |
 | **Laws** named by expressions, as `full-retreat` | `retreat: false` in section `servo` of a scenario |
 | **Routes**: `--steering epipole`, laps without a stop, extra `places` | `structure`; a lap ends at the station; not needed |
-| worlds of `route demo` but `same` and `all` | `--world all` |
+| worlds of `route demo` but `same` and `all`; `each` in its JSON | `--world all`; figures over all runs |
+| `route replay`; `~/events`, `~/markers` of `route_node` | `~/progress` and `~/path` in its bags |
 | **Bags** of ROS 1, or with topics not of ROS | `rosbags-convert`, `mcap filter` |
-| `--params` of `replay` and `report` | `--set` |
-| pages on routes, stills, tables of settings in `report` | `route teach`, the video, `ros2 bag info` |
+| recorded topics of types that are not of ROS itself | `ros2 bag record` |
+| `--params` of `replay` and `report`; `history`, `effective_changes` | `--set`; `~/events`, `changes` |
+| pages on routes, stills, tables of settings, the video in `report` | `route teach`, `video.mp4`, `ros2 bag info` |
+| `--visible` of `demo` | `simulation.launch.py` |
 | orientation tags of photographs, `inspect --yaw` | turn the picture; subtract the yaw |
 | camera files without an image size | add the two keys |
 | **Benchmarks**: `mounts_images`, simulated pairs, an echo | `sweep --source images`, `bench real` |
-| sensitivities of `reproduce`, intervals of `sweep` | `sweep` with a scenario; `scipy.stats.bootstrap` |
+| `--seconds` of `bench latency` | 60 s a row, 4 s with `--quick` |
+| sensitivities and variants of the experiment in `reproduce`, intervals of `sweep` | `sweep` with a scenario; `scipy.stats.bootstrap` |
 | `faults --law`, `--table` | the default law; standard output |
 | **Simulation**: `shadow` and knobs that no scenario set | the scenarios; an old knob is refused in one line |
 
