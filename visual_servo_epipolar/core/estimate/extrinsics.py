@@ -316,9 +316,10 @@ def update_extrinsics(
     # Two views do not know the lens: what they are off by is no motion.
     switched = remembers is not before.remembers
     bearings = None if deviation > UNCERTAIN else bearings
-    after = moved(before, heading)
     if bearings and not switched:
         after = moved_to(before, heading, bearings.psi, deviation)
+    else:
+        after = moved(before, heading)
     if measurement.offset is not None:
         after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
     if bearings is None or after.distance < NEAR:
@@ -326,8 +327,7 @@ def update_extrinsics(
     before = replace(before, remembers=remembers)
     seen_now = seen_anew if switched else seen
     after, innovation = seen_now(replace(after, remembers=remembers), bearings.psi, deviation)
-    has_leapt = abs(innovation) > GATE
-    if has_leapt or not (switched or is_plausible(after)):
+    if (has_leapt := abs(innovation) > GATE) or not (switched or is_plausible(after)):
         begun = before if has_leapt else unplaced(before.configured, before.deviations)
         faults = before.contradictions + FAULT
         anew = replace(begun, contradictions=faults, ambiguous=before.ambiguous)
