@@ -148,11 +148,13 @@ class Asked:
     dead_band: tuple[float, float] = (0.0, 0.0)
 
     def after(self, window: CommandWindow, settings: DriveSettings) -> 'Asked':
-        """Return what was asked with the commands of a ``window`` more."""
+        """Return what was asked with the commands of a ``window`` more; a gap begins anew."""
         dead_band = settings.dead_band_linear, settings.dead_band_angular
-        before = self
-        if dead_band != self.dead_band:
+        before, gap = self, window.seconds >= MOST_GAP_S  # in which a base stops by itself
+        if gap or dead_band != self.dead_band:
             before = Asked(unresponsive=self.unresponsive, dead_band=dead_band)
+        if gap:
+            return before
         turns, ways = window.turns[[0, -1]], window.ways[[0, -1]]
         if before.since_ns is None and not turns[0] and not ways[0]:
             return before
