@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.arrays import are_among
 from visual_servo_epipolar.core.tracking import alignment
 from visual_servo_epipolar.core.tracking.alignment import Anchor, LEVELS, Templates
 from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD, TRIES
@@ -12,7 +13,7 @@ from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.core.tracking.robust_geometry import agree_on_one_geometry
 from visual_servo_epipolar.core.tracking.sampling import float_image, PatchGrid
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.tracking.warps import contained, Warps
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 SHIFT = np.array([1.6, -0.7])  # px
 SMALL = 320, 240  # px
@@ -135,9 +136,9 @@ def test_what_few_features_are_missed_is_looked_for_in_several_frames() -> None:
 def test_ids_are_contained_or_not() -> None:
     rng = np.random.default_rng(1)
     ids, among = rng.integers(0, 50, 30), rng.integers(0, 80, 20)
-    np.testing.assert_array_equal(contained(ids, among), np.isin(ids, among))
-    assert not contained(ids, among[:0]).any()
-    assert contained(ids[:0], among).shape == (0,)
+    np.testing.assert_array_equal(are_among(ids, among), np.isin(ids, among))
+    assert not are_among(ids, among[:0]).any()
+    assert are_among(ids[:0], among).shape == (0,)
 
 
 MOST, COUNT = 48, 20

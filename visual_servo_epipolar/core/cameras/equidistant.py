@@ -7,13 +7,12 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, FloatArray, packed
-from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import ANGLES, CameraModel
 
 COEFFICIENTS = (0, 4)
 WIDEST = math.radians(170.0)  # from the axis: no lens sees farther, and directions end at 180
 WIDE = math.radians(55.0)  # off the axis: the corners of usual pinholes are nearer to it
 LEAST_SLOPE = 0.02  # of the radius by the angle: where it is less, a pixel tells no direction
-ANGLES = 4096  # of a table, and tried for where the slope ends
 NEWTON_STEPS = 3  # from the table to the last bit
 
 

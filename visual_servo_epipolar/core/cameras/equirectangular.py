@@ -14,7 +14,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.cameras.model import CameraModel
 
-NAME = 'equirectangular'
 LEAST_LEVEL = 0.3  # cosine of an elevation: nearer to a pole a row is as exact, a column is not
 SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
 
@@ -23,7 +22,7 @@ SLACK = 1.0  # of a width by its focal length, and of a height by the width [px]
 class Equirectangular(CameraModel):
     """Panorama: u goes with the bearing from -180 to 180 deg, v with the elevation, down."""
 
-    distortion_model: str = NAME
+    distortion_model: str = 'equirectangular'
 
     wide = wraps = True
     planar = None

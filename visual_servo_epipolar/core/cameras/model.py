@@ -8,6 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
+ANGLES = 4096  # off the axis, of a table of a lens, or tried for where it folds
 ROUND_TRIP_PX = 0.1  # that a pixel may be off where it comes back: half of what tracking is
 
 

@@ -8,12 +8,16 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
-from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera, ROUND_TRIP_PX
+from visual_servo_epipolar.core.cameras.model import (
+    ANGLES,
+    CameraModel,
+    PlanarCamera,
+    ROUND_TRIP_PX,
+)
 from visual_servo_epipolar.core.geometry.rays import image_points, LEAST_FORWARD, unit_rays
 
 STEP = 1e-5  # on the image plane, that the slope of the distortion is taken over
 FARTHEST = math.radians(89.0)  # from the axis, that the distortion is followed to
-ANGLES = 2048  # on the way there
 # Of a rational_polynomial 12 have thin prisms as well, 14 also a tilted sensor.
 DISTORTION_MODELS = {
     '': (0,),

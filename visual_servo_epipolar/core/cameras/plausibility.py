@@ -15,13 +15,12 @@ RESOLUTIONS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 5, 5 / 4, 4 / 3, 3 / 2, 2,
 OFF_TILT, LIKE_TILT = math.radians(3.0), 0.4  # that is doubted, and how alike the two are, of it
 OFF_SCALE = 0.05  # of K that is doubted where a tilt is as well
 MOST_SKEW = 0.2  # of the focal length: pixels are all but rectangles
-NARROWEST, WIDEST_PINHOLE, WIDEST = 1.0, 170.0, 360.0  # field of view [deg]
+NARROWEST, WIDEST_PINHOLE = 1.0, 170.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
 MOST_OBLONG = 4.0  # pixel: binned in one direction, or every other line
 SAMPLES = 24  # a row and a column, over the image
 AXIS = np.array([[0.0, 0.0, 1.0]])
 CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
-NUMBERS = ('fx', 'fy', 'cx', 'cy', 'skew', *(f'D[{k}]' for k in range(14)))
 NAMED = 4  # numbers that differ, in a message
 
 
@@ -83,7 +82,9 @@ def differences(one: CameraModel, other: CameraModel) -> str:
     if (one.width, one.height) != (other.width, other.height):
         return f'{one.width}x{one.height} -> {other.width}x{other.height} px'
     words = [f'{one.lens} -> {other.lens} lens'] if one.lens != other.lens else []
-    for name, before, after in zip(NUMBERS, _numbers(one), _numbers(other), strict=False):
+    numbers = _numbers(one), _numbers(other)
+    for name in {**numbers[0], **numbers[1]}:
+        before, after = (each.get(name, 0.0) for each in numbers)
         if before != after:
             digits = next(n for n in range(4, 18) if f'{before:.{n}g}' != f'{after:.{n}g}') + 1
             words.append(f'{name} {before:.{digits}g} -> {after:.{digits}g}')
@@ -91,9 +92,10 @@ def differences(one: CameraModel, other: CameraModel) -> str:
     return f'{", ".join(words[:NAMED])}{more}, rays up to {_apart(one, other):.2g} deg apart'
 
 
-def _numbers(camera: CameraModel) -> tuple[float, ...]:
-    lens = (*camera.distortion, *[0.0] * len(NUMBERS))
-    return (camera.fx, camera.fy, camera.cx, camera.cy, camera.skew, *lens)
+def _numbers(camera: CameraModel) -> dict[str, float]:
+    """Return the numbers of camera_info by their names."""
+    named = {name: getattr(camera, name) for name in ('fx', 'fy', 'cx', 'cy', 'skew')}
+    return named | {f'D[{k}]': value for k, value in enumerate(camera.distortion)}
 
 
 def _apart(one: CameraModel, other: CameraModel) -> float:
@@ -140,7 +142,7 @@ def _fault(camera: CameraModel) -> str:
             f'focal lengths must be alike, to a factor of {MOST_OBLONG:g}, got fx {camera.fx:g} '
             f'and fy {camera.fy:g} px; calibrate again'
         )
-    widest = WIDEST if camera.planar is None else WIDEST_PINHOLE
+    widest = 360.0 if camera.planar is None else WIDEST_PINHOLE
     view = _field_of_view(camera)
     if not NARROWEST <= view <= widest:
         return (

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, ROUNDING
 from visual_servo_epipolar.core.cameras import equidistant, equirectangular, pinhole
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.registry import Registry
@@ -37,7 +37,7 @@ CAMERAS: Registry[CameraRow] = Registry(
             for name, counts in pinhole.DISTORTION_MODELS.items()
         },
         'equidistant': CameraRow(equidistant.Equidistant, equidistant.COEFFICIENTS),
-        equirectangular.NAME: CameraRow(
+        'equirectangular': CameraRow(
             equirectangular.Equirectangular, of_size=equirectangular.of_size
         ),
     },
@@ -45,8 +45,7 @@ CAMERAS: Registry[CameraRow] = Registry(
 )
 UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
 CAMERA_INFO = 'camera_info'  # the projection that is calibrated, not given
-ZERO_PX, ZERO_PER_PX = 1e-6, 1e-9  # what rounding leaves where K has a zero
-ZERO_SHARE = 1e-9  # the same where it has a one, of the largest number
+ZERO_PX = 1e-6  # what rounding leaves where K has a zero, in its last row of a ROUNDING
 # Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
 SYNONYMS = {
     'none': '',
@@ -130,11 +129,11 @@ def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:
 
 def _normalised(rows: FloatArray) -> FloatArray | None:
     """Return the left part of ``rows``, (3, 3), with a last row 0, 0, 1; None if it has none."""
-    if abs(rows[2, 2]) <= ZERO_SHARE * np.abs(rows).max():
+    if abs(rows[2, 2]) <= ROUNDING * np.abs(rows).max():
         return None
     rows = rows / rows[2, 2]
     last = np.abs(np.delete(rows[2], 2))
-    is_whole = abs(rows[1, 0]) <= ZERO_PX and last.max() <= ZERO_PER_PX
+    is_whole = abs(rows[1, 0]) <= ZERO_PX and last.max() <= ROUNDING
     return rows[:, :3] if is_whole else None
 
 

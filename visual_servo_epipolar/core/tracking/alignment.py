@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.tracking.sampling import (
     PatchGrid,
     RADIUS,
 )
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.warps import squared_lengths, Warps
 
 FIRST_ITERATIONS = 15  # after a match: its scale is only known by SIFT
@@ -35,10 +36,8 @@ LEVELS = 8  # down to 1 / 11 of the size in the desired image
 SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current over the desired image
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
-LEAST_CONTRAST = 1e-6  # of a patch of unit norm without its ramps: of a ramp nothing is left
 PARAMETERS = 6  # of an affine step: shift along x and y, then the linear part row by row
 STACKS = 2  # kept, the last used: of the tracked features, and of those found anew
-FIRST_CAPACITY = 64  # templates for which there is room, doubled when it is taken
 MOST = 2048  # templates kept, 25 MB: more than a run uses, but a robot may be up for weeks
 
 Key = tuple[int, int]  # number of the feature, level
@@ -194,7 +193,8 @@ class Templates:
         self._wide, self._descent = PatchGrid(grid.reach + 1), SteepestDescent(grid)
         self._images = [_blurred(image, level) for level in range(LEVELS)]
         self._rows: dict[Key, int] = {}
-        shape = FIRST_CAPACITY, PARAMETERS + 1, len(grid.offsets)
+        # Room for the features that are usually tracked, doubled when it is taken.
+        shape = TrackerSettings.max_features, PARAMETERS + 1, len(grid.offsets)
         self._stored = np.empty(shape, np.float32)
         self._stacks: dict[bytes, tuple[list[int], FloatImage]] = {}
 
@@ -277,7 +277,8 @@ class SteepestDescent:
         # comes from another side, and its gain are projected out.
         contrast = patch.astype(np.float64)
         contrast -= (self._bias @ contrast) @ self._bias
-        contrast /= max(math.sqrt(contrast @ contrast), LEAST_CONTRAST)
+        # Of a patch of unit norm that is a ramp rounding is left.
+        contrast /= max(math.sqrt(contrast @ contrast), float(np.finfo(patch.dtype).eps))
         descent -= (descent @ self._bias.T) @ self._bias
         descent -= (descent @ contrast)[:, None] * contrast
         descent *= self._scale

@@ -9,15 +9,14 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import are_among, BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.tracking.matching import DesiredView, Matches, warps_of
 from visual_servo_epipolar.core.tracking.tracks import Tracks
-from visual_servo_epipolar.core.tracking.warps import contained, Warps
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
-FULL_SHARE = 4  # with a full set the search of a frame is divided by this
-FULL_PERIOD = 3  # and made once in so many frames
+FULL_PERIOD = 3  # with a full set a search is made once in so many frames, for as much less
 # Candidates tried in a frame for each feature that is missing: eight took as long as all else.
 TRIES = 3
 # Deviation by noise of a strong feature [px]: weaker ones are tracked where these do not suffice.
@@ -44,7 +43,7 @@ class Candidates:
     def remember(self, ids: IntArray, limit: int) -> None:
         """Add features ``ids``, shape (M,); of all keep at most ``limit``, older ones first."""
         union: IntArray = np.asarray(np.union1d(self._ids, ids), dtype=np.int64)
-        self._ids = union[self.bucketed(union, contained(union, self._ids), limit)]
+        self._ids = union[self.bucketed(union, are_among(union, self._ids), limit)]
 
     def bucketed(self, ids: IntArray, preferred: BoolArray, count: int) -> IntArray:
         """
@@ -67,14 +66,14 @@ class Candidates:
 
     def matched(self, matches: Matches, tracked: Warps, limit: int) -> Warps:
         """Return the warps of at most ``limit`` matches that are not ``tracked``, spread."""
-        rows = np.flatnonzero(~contained(matches.indices, tracked.ids))
+        rows = np.flatnonzero(~are_among(matches.indices, tracked.ids))
         rows = rows[self.bucketed(matches.indices[rows], np.zeros(len(rows), bool), limit)]
         return warps_of(matches, self._view).take(rows)
 
     def limited(self, tracks: Tracks, preferred: Tracks, limit: int) -> Tracks:
         """Return at most ``limit`` of ``tracks``, spread, ``preferred`` ones first."""
         ids = tracks.warps.ids
-        first = contained(ids, preferred.warps.ids)
+        first = are_among(ids, preferred.warps.ids)
         return tracks.take(self.bucketed(ids, first, limit))
 
     def next_missing(self, tracked: Warps, count: int, enough: int) -> IntArray:
@@ -91,11 +90,11 @@ class Candidates:
         is_full = not (short or self._due)
         if is_full and self._frames % FULL_PERIOD:
             return self._ids[:0]
-        missing = self._ids[~contained(self._ids, tracked.ids)]
+        missing = self._ids[~are_among(self._ids, tracked.ids)]
         if is_full:
             occupied = np.bincount(self._cells[tracked.ids], minlength=math.prod(GRID))
             missing = missing[occupied[self._cells[missing]] <= SPARSE]
-            count = max(count // FULL_SHARE, 1)
+            count = max(count // FULL_PERIOD, 1)
         else:
             count = min(self._due, TRIES * max(short, 1))
             self._due -= count

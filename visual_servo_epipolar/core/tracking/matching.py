@@ -7,14 +7,15 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
+from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray, TINY
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.epipolar import MIN_MATCHES
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, Matcher, NEIGHBOURS
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.sampling import (
+    COMPARED,
     inside_border,
     noise,
     patch_radius,
@@ -22,11 +23,8 @@ from visual_servo_epipolar.core.tracking.sampling import (
 from visual_servo_epipolar.core.tracking.warps import Warps
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
-CORNER_SCALE = (0.5 * CORNER_WINDOW * 255) ** 2  # of OpenCV's measure, which is no sum
-LEAST = 1e-6  # of a corner: a wall is none
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
 LARGEST_SIDE = 32766  # of an image [px]: cv2.remap has limits
-AROUND, MOST_AROUND = 8, 400  # matches that tell a scale, and of how many they are taken
 LIMIT = 4000  # of keypoints of an image
 CHANCE = -2.0  # log10 of the false alarms of a geometry that are expected at most
 
@@ -51,7 +49,8 @@ class DesiredView:
     @property
     def deviations(self) -> FloatArray:
         """Deviation of each keypoint by noise, of this image and of another, shape (N,) [px]."""
-        return np.asarray(self.noise * math.sqrt(2.0) / np.sqrt(np.maximum(self.corners, LEAST)))
+        corners = np.maximum(self.corners, TINY)  # those of a wall
+        return np.asarray(self.noise * math.sqrt(2.0) / np.sqrt(corners))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +102,8 @@ def view_of_keypoints(
     """Return the desired view of an ``image`` on a ``canvas`` whose ``keypoints`` are known."""
     measure = cv2.cornerMinEigenVal(image, CORNER_WINDOW, ksize=3)
     columns, rows = np.rint(keypoints.pixels).astype(int).T
-    corners = CORNER_SCALE * measure[rows, columns].astype(np.float64)
+    scale = (0.5 * CORNER_WINDOW * np.iinfo(np.uint8).max) ** 2  # OpenCV's measure is no sum
+    corners = scale * measure[rows, columns].astype(np.float64)
     return DesiredView(image, keypoints, corners, noise(image), matcher, canvas)
 
 
@@ -165,12 +165,12 @@ def _scales(current: Keypoints, desired: Keypoints) -> FloatArray:
     if np.ptp(current.sizes) or np.ptp(desired.sizes):
         return np.asarray(current.sizes / desired.sizes)
     # Sizes are not known: as much as the distances from matches around it.
-    few = np.arange(0, len(current), max(len(current) // MOST_AROUND, 1))
+    few = np.arange(0, len(current), max(len(current) // COMPARED, 1))
     before, after = (
         np.linalg.norm(each[:, None] - each[few], axis=2)
         for each in (desired.pixels, current.pixels)
     )
-    near = np.argsort(before + (before == 0.0) * before.max(), axis=1)[:, :AROUND]
+    near = np.argsort(before + (before == 0.0) * before.max(), axis=1)[:, :NEIGHBOURS]
     before, after = (np.take_along_axis(each, near, axis=1) for each in (before, after))
     return np.asarray(np.median(after / np.maximum(before, 1.0), axis=1))
 

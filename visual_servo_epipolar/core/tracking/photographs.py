@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, FloatArray, Image, IntArray
+from visual_servo_epipolar.core.cameras.model import ROUND_TRIP_PX
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.least_squares import deviation_of, linear_fit, RIDGE
 from visual_servo_epipolar.core.goal import goal_id
@@ -37,6 +38,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     Matches,
     warps_of,
 )
+from visual_servo_epipolar.core.tracking.robust_geometry import EPIPOLAR_PX
 from visual_servo_epipolar.core.tracking.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.tracks import (
     fit_motion,
@@ -57,11 +59,9 @@ MIN_COMMON = 30  # features in both photographs
 # Of two photographs of one pose, over the width of the image: 2 to 3 deg, and 1 to 2 cm in a room.
 MAX_SHIFT, MAX_PARALLAX = 0.04, 0.0015
 ONE_PLACE = 0.00015  # parallax within a millimetre or two: features move smoothly
-OUTLIER_PX = 2.0
 NEAR_PX = 8.0  # distance from a feature within which others move as it does
 REMEDY = 'take it where the first one was taken, best when the robot has arrived there'
-STILL_PX = 0.1  # motion at the border of the image that blurs less than tracking errs
-STILL_DEVIATIONS = 3.0  # beyond STILL_PX at which a motion is none of noise
+STILL_DEVIATIONS = 3.0  # at which a motion is none of noise
 SAMPLES = 20_000  # pixels of a difference that are looked at
 CHANGED_DEVIATIONS, CHANGED_FLOOR = 6.0, 10.0  # of a pixel that has changed, plus grey levels
 CHANGED_SHARE = 0.03  # of such pixels at which something moves in view
@@ -324,7 +324,7 @@ def _mapped(view: DesiredView, common: Warps) -> tuple[IntArray, FloatArray]:
         # to the other place.
         pixels = view.keypoints.pixels
         return np.arange(len(pixels)), motion.applied(pixels, NEAR_PX, power=2.0)
-    kept = off <= OUTLIER_PX + OUTLIER_MEDIANS * parallax
+    kept = off <= EPIPOLAR_PX + OUTLIER_MEDIANS * parallax
     return common.ids[kept], common.current[kept]
 
 
@@ -332,7 +332,7 @@ def _agreed(common: Warps) -> tuple[Warps, ImageMotion]:
     """Return what moves alike from a photograph to the first, and how; TrackingError of few."""
     motion = fit_motion(common.desired, common.current)
     if motion is not None:
-        common = common.take(~motion.outliers(common.desired, common.current, OUTLIER_PX))
+        common = common.take(~motion.outliers(common.desired, common.current, EPIPOLAR_PX))
         motion = fit_motion(common.desired, common.current)
     if motion is None or len(common) < MIN_COMMON:
         raise TrackingError(
@@ -379,7 +379,8 @@ def unrest(first: Image, second: Image) -> str:
     noise = deviation_of(float(np.median(residual)))
     errors = noise * np.sqrt(np.diag(fit.covariance())) / scale
     motion = _at_border((fit.solution / scale)[:MOTIONS])
-    if motion > STILL_PX + STILL_DEVIATIONS * _at_border(errors[:MOTIONS]):
+    # At the border of the image, that blurs less than tracking errs.
+    if motion > ROUND_TRIP_PX + STILL_DEVIATIONS * _at_border(errors[:MOTIONS]):
         return f'the view moves by {motion:.2g} px'
     share = float((residual > CHANGED_DEVIATIONS * noise + CHANGED_FLOOR).mean())
     return f'{share:.1%} of the view changes' if share > CHANGED_SHARE else ''

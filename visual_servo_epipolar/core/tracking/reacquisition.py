@@ -13,17 +13,17 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import are_among, BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.tracking.alignment import Anchor
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
+from visual_servo_epipolar.core.tracking.matchers.base import NEIGHBOURS
 from visual_servo_epipolar.core.tracking.matching import DesiredView
 from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
 from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion
-from visual_servo_epipolar.core.tracking.warps import contained, numbers, Warps
+from visual_servo_epipolar.core.tracking.warps import numbers, Warps
 
 MAX_UNSEEN = 40  # frames for which a prediction is followed
 OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
-NEIGHBOURS = 8
 MIN_NEIGHBOURS = 5
 RADIUS_DEVIATIONS = 3.0  # search radius, in deviations of the neighbours from their affine map
 SEARCH_RANGE = (4.0, 24.0)  # smallest and largest search radius [px]
@@ -57,7 +57,7 @@ class Predictions:
         self._catch_up()
         before = last.current
         if len(tracked) < len(last):
-            before = before[contained(last.ids, tracked.ids)]
+            before = before[are_among(last.ids, tracked.ids)]
         motion = fit_motion(before, tracked.current)
         self._motion = motion, tracked.ids
         if motion is None:
@@ -67,7 +67,7 @@ class Predictions:
     def correct(self, tracked: Warps) -> None:
         """Replace or add the predictions of ``tracked`` features."""
         warps, unseen = self._catch_up()
-        kept = numbers(~contained(warps.ids, tracked.ids))
+        kept = numbers(~are_among(warps.ids, tracked.ids))
         seen = np.zeros(len(tracked), np.int64)
         self._features = PredictedFeatures(
             warps.take(kept).joined(tracked), np.concatenate([unseen.take(kept), seen])
@@ -76,7 +76,7 @@ class Predictions:
     def select(self, ids: IntArray) -> PredictedFeatures:
         """Return the predictions of the features ``ids``, shape (M,)."""
         warps, unseen = self._catch_up()
-        rows = numbers(contained(warps.ids, ids))
+        rows = numbers(are_among(warps.ids, ids))
         return PredictedFeatures(warps.take(rows), unseen.take(rows))
 
     def _catch_up(self) -> PredictedFeatures:
@@ -89,7 +89,7 @@ class Predictions:
         if self._motion is not None:
             (warps, unseen), (motion, tracked) = self._features, self._motion
             if motion is not None:
-                lost = numbers(~contained(warps.ids, tracked) & (unseen <= MAX_UNSEEN))
+                lost = numbers(~are_among(warps.ids, tracked) & (unseen <= MAX_UNSEEN))
                 current = warps.current.copy()
                 current[lost] = motion.applied(current.take(lost, axis=0))
                 warps = replace(warps, current=current)
@@ -194,7 +194,7 @@ def among_neighbours(
     Where those ``found`` around them predict: of twice as many as are ``missing``, those of most
     texture.
     """
-    ids = np.flatnonzero(~contained(np.arange(len(view.keypoints)), found.ids))
+    ids = np.flatnonzero(~are_among(np.arange(len(view.keypoints)), found.ids))
     ids = ids[view.corners[ids].argsort(kind='stable')[::-1]][: 2 * max(missing, 0)]
     desired = view.keypoints.pixels[ids]
     nowhere = Warps(ids, desired, desired, np.tile(np.eye(2), (len(ids), 1, 1)))

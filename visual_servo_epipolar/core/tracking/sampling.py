@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.geometry.rays import homogeneous
 
 RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
 USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
-COMPARED = 500  # patches with which all are compared, to see how they overlap
+COMPARED = 500  # features with which all are compared, to see how they overlap, or lie
 NOISE_ROWS, NOISE_SAMPLES = 24, 8000  # of an image, from which its noise is measured
 LEAST_NOISE = 0.5  # of rounding, and of a picture that was compressed [grey levels]
 FloatImage: TypeAlias = NDArray[np.float32]  # for interpolation, shape (H, W)

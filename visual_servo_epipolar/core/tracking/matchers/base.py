@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
 
 RATIO = 0.8  # of the nearest to the second nearest distance (Lowe 2004)
+NEIGHBOURS = 8  # nearest matches, by which one is judged
 BLOCK = 256  # compared at a time with all of the other image: their distances stay in the cache
 
 

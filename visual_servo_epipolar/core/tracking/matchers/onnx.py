@@ -15,7 +15,11 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
-from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, mutual_nearest
+from visual_servo_epipolar.core.tracking.matchers.base import (
+    Keypoints,
+    mutual_nearest,
+    NEIGHBOURS,
+)
 from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
 
 CELL = 8  # side of a cell [px]
@@ -28,7 +32,7 @@ PEAK = np.ones((5, 5), np.uint8)  # around a keypoint none has a higher score
 SIZES, QUICK_SIZES, ENLARGED = (1.0, 0.71, 0.5), (0.71, 0.5), (1.41, 2.0)
 ENOUGH_PIXELS = 1280 * 960
 RATIO = 0.97  # of the nearest to the second nearest distance
-AROUND, SUPPORT = 8, 2  # nearest matches, and those of them that must move along
+SUPPORT = 2  # neighbours that must move along
 ALONG, ALONG_PX = 0.6, 4.0  # of how far they are: views differ in size by a factor of two or so
 # Images to try a network with: one of a fixed size takes one of them at most.
 BLANKS = tuple(np.zeros((4 * STRIDE, side * STRIDE), np.float32) for side in (4, 5))
@@ -80,13 +84,13 @@ def supported(before: FloatArray, after: FloatArray) -> BoolArray:
 
     Wrong ones go anywhere (Bian et al. 2017, with nearest neighbours instead of cells).
     """
-    if len(before) <= AROUND:
+    if len(before) <= NEIGHBOURS:
         return np.ones(len(before), bool)
     x, y = before.T
     squared = np.subtract.outer(x, x) ** 2
     squared += np.subtract.outer(y, y) ** 2
     np.fill_diagonal(squared, np.inf)
-    near = np.argpartition(squared, AROUND, axis=1)[:, :AROUND]
+    near = np.argpartition(squared, NEIGHBOURS, axis=1)[:, :NEIGHBOURS]
     distance = np.sqrt(np.take_along_axis(squared, near, axis=1))
     shift = after - before
     off = np.linalg.norm(shift[near] - shift[:, None], axis=2)

@@ -12,17 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image, IntArray
+from visual_servo_epipolar.core.geometry.epipolar import MIN_MATCHES
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints, mutual_nearest
 from visual_servo_epipolar.core.tracking.sampling import (
     inside_border,
     LEAST_NOISE,
     noise,
+    USUAL_SIZE,
 )
 
-FEW, ENOUGH = 8, 500  # keypoints of a photograph that is worth being enlarged: from, below
-ENLARGEMENT, LARGEST_ENLARGED = 2, 640 * 480  # of such a photograph, and its largest size [px]
+ENOUGH = 500  # keypoints of a photograph: a small one with fewer is worth being enlarged
+ENLARGEMENT = 2
 LEAST_SIDE = 16  # of an image [px]: SIFT needs a pyramid
-PIXEL_STRIDE = 1 << 20  # more than the side of any image, enlarged
 LAYERS = 3  # of an octave
 # Least difference of Gaussians, over the deviation of the noise: a blank wall shows nothing.
 CONTRAST = 0.4
@@ -35,7 +36,7 @@ class Sift:
     def describe(self, image: Image, *, limit: int, border: float) -> Keypoints:
         """Return the keypoints, of a small photograph that shows few those of it enlarged."""
         keypoints = self._described(image, limit, border, 1)
-        if FEW <= len(keypoints) < ENOUGH and image.size <= LARGEST_ENLARGED:
+        if MIN_MATCHES <= len(keypoints) < ENOUGH and image.size <= USUAL_SIZE:
             keypoints = self._described(image, limit, border, ENLARGEMENT)
         return keypoints
 
@@ -71,7 +72,8 @@ def detect(image: Image, *, limit: int, enlargement: int = 1, halved: bool = Fal
     deviation = max(noise(image) * min(scale, 1.0), LEAST_NOISE)
     least = LAYERS * CONTRAST * deviation / 255.0
     sift = cv2.SIFT_create(nfeatures=limit, contrastThreshold=least)
-    points, descriptors = sift.detectAndCompute(_scaled(image, scale), None)
+    scaled = _scaled(image, scale)
+    points, descriptors = sift.detectAndCompute(scaled, None)
     if descriptors is None:
         return Keypoints.empty()
     pixels = np.array([point.pt for point in points], dtype=np.float64)
@@ -81,7 +83,7 @@ def detect(image: Image, *, limit: int, enlargement: int = 1, halved: bool = Fal
     order = np.lexsort((angles, sizes, -responses, pixels[:, 1], pixels[:, 0]))
     # One number a pixel: rows take several times as long.
     columns, rows = np.rint(pixels[order]).astype(np.int64).T
-    _, first = np.unique(columns * PIXEL_STRIDE + rows, return_index=True)
+    _, first = np.unique(columns * scaled.size + rows, return_index=True)
     # A pixel of a small image is centred between two of a large one.
     pixels, sizes = pixels / scale + (0.5 / scale - 0.5), sizes / scale
     roots = _roots(descriptors)
