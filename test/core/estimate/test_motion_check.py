@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.estimate.base_model import (
 )
 from visual_servo_epipolar.core.estimate.motion_check import (
     Evidence,
+    LASTING_S,
     MotionCheck,
-    QUIET_S,
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
@@ -324,8 +324,8 @@ def test_a_view_that_has_few_features_in_common_with_the_reference_tells_nothing
 
 def test_the_run_goes_on_when_it_is_quiet_and_ends_at_the_third_time() -> None:
     check = MotionCheck(troubled_ns=10**9, contradictions=1)
-    assert check.disturbed(10**9 + round(0.9e9 * QUIET_S))
-    assert not check.disturbed(10**9 + round(1.1e9 * QUIET_S))
+    assert check.disturbed(10**9 + round(0.9e9 * LASTING_S))
+    assert not check.disturbed(10**9 + round(1.1e9 * LASTING_S))
     assert not check.is_final
     assert MotionCheck(contradictions=MOST_CONTRADICTIONS).is_final
 

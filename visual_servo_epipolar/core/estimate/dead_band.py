@@ -12,9 +12,11 @@ from visual_servo_epipolar.core.estimate.base_model import (
     SOON_S,
 )
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.window import Y
+from visual_servo_epipolar.core.odometry.legs import LIKELY
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 # After that, in which it follows if it does at all; on a way, where wheels may undo a turn.
@@ -25,10 +27,7 @@ OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speedi
 DISCERNIBLE = 2.0  # pulses, by which wheels of a bend must turn the base, else a dead band may fit
 SMOOTHING = 0.2  # weight of the newest position of a standing robot
 MANY = 4.0  # pulses, of which one may not have acted yet
-DEVIATIONS = 8.0  # of a position, that the motion commanded must be
-ERRORS = 2.0  # of a way between two means, which it is longer than at most
 MARGIN = 2.5  # over the velocity that was not followed: it may be twenty times as fast that is
-UNLIKE = 0.5  # of a curvature, by which two differ: the other may be none
 MOST_HOP = 0.005, math.radians(0.6)  # half a pulse: no end may be wider for it [m], [rad]
 # Up to which speed [m/s], and way of a turn [m/rad], a base at rest may have a dead band;
 # beyond, it is deaf.
@@ -109,13 +108,14 @@ class Threshold:
         patience = PATIENCE_ON_WAY_S if after.drives else PATIENCE_S
         many = lasted >= late + patience and abs(asked) >= MANY * self.value * dt
         has_acted = many or (pulses and idle + dt > late)
-        enough = abs(asked) >= max(LEAST_ASKED, DEVIATIONS * deviation)
+        certain = math.sqrt(CONTRADICTING) / STANDING * deviation  # that it stands, or moves
+        enough = abs(asked) >= max(LEAST_ASKED, certain)
         tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
         return after._judged(position, dt, most) if enough and has_acted and tells else after
 
     def after_pulses(self, way: float, gone: float, error: float, most: float) -> 'Threshold':
         """Return the threshold, wider if the base has not ``gone`` the ``way`` of its pulses."""
-        if gone >= OF_PULSES * way or abs(gone) + ERRORS * error >= STANDING * way:
+        if gone >= OF_PULSES * way or abs(gone) + LIKELY * error >= STANDING * way:
             return self  # it moved, or was pushed back
         return replace(self, value=max(self.value, min(MARGIN * self.value, most)))
 
@@ -130,7 +130,8 @@ class Threshold:
         if self.drives and not self.gone:
             return again  # the base is deaf
         bend = (position - self.origin - self.asked) / self.way if self.way else math.inf
-        alike = abs(bend - self.bend) <= UNLIKE * max(abs(bend), abs(self.bend))
+        # Nearer to each other than the larger to none at all.
+        alike = 2.0 * abs(bend - self.bend) <= max(abs(bend), abs(self.bend))
         wheels = abs(bend) <= MOST_CURVATURE and alike
         stood = self.stood or self.power / abs(self.asked)
         learnt = min(max(MARGIN * stood, LEAST_ASKED / dt), most)

@@ -23,6 +23,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING, least_squares
+from visual_servo_epipolar.core.mapping.factors import UNKNOWN_SCALE
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
 from visual_servo_epipolar.core.twoview.measurement import Measurement
@@ -30,7 +31,7 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
 NEAREST = 0.02  # [m]
-FIRST_DISTANCE, FIRST_DEVIATION = 3.0, 1.0  # [m], of the logarithm: one to eight metres
+FIRST_DISTANCE = 3.0  # [m], of an unknown scale: one to eight metres
 LENS = 0.02  # of a turn of a radian, that two views may show wrong: the lens is not known to them
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
@@ -100,11 +101,6 @@ class Extrinsics:
         return self.mean[YAW:]
 
     @property
-    def lever_deviation(self) -> float:
-        """Deviation of how far the camera is ahead of the axle [m]."""
-        return math.sqrt(self.covariance[FORWARD, FORWARD])
-
-    @property
     def contradicts(self) -> bool:
         """Whether the bearings contradict what was driven."""
         return self.contradictions > MAX_CONTRADICTIONS
@@ -134,7 +130,7 @@ def unplaced(configured: FloatArray, deviations: FloatArray) -> Extrinsics:
         configured,
         deviations,
         np.concatenate([[0.0, math.log(FIRST_DISTANCE)], configured]),
-        np.diag(np.concatenate([[1.0, FIRST_DEVIATION**2], deviations**2])),
+        np.diag(np.concatenate([[1.0, UNKNOWN_SCALE**2], deviations**2])),
     )
 
 
@@ -144,10 +140,6 @@ class PathPrediction(NamedTuple):
     mean: FloatArray
     transition: FloatArray
     square: float
-
-    def from_mean(self, mean: FloatArray, at: FloatArray) -> FloatArray:
-        """Return where the drive leads from ``mean``, (5,), as linear about ``at``, (5,)."""
-        return self.mean if mean is at else self.mean + self.transition @ (mean - at)
 
 
 def predict_path(mean: FloatArray, headings: tuple[float, float], travel: float) -> PathPrediction:
@@ -176,18 +168,19 @@ def predict_path(mean: FloatArray, headings: tuple[float, float], travel: float)
 
 def placed(before: Extrinsics, bearings: Bearings, deviation: float) -> Extrinsics:
     """Return the belief with the camera seen anew along psi [rad], at any distance."""
+    # The distance is the last one, or that of configured_extrinsics.
+    begun = known_anew(before, RHO, float(before.mean[RHO]), UNKNOWN_SCALE**2)
+    begun = known_anew(begun, PSI, bearings.psi, deviation**2)
+    return replace(begun, heading=bearings.heading_error, travel=0.0, placed=True)
+
+
+def known_anew(before: Extrinsics, of: int, value: float, variance: float) -> Extrinsics:
+    """Return the belief with one of its states as if nothing had been known of it before."""
     mean, covariance = before.mean.copy(), before.covariance.copy()
-    mean[PSI] = bearings.psi  # the distance is the last one, or that of configured_extrinsics
-    covariance[:2] = covariance[:, :2] = 0.0
-    covariance[PSI, PSI], covariance[RHO, RHO] = deviation**2, FIRST_DEVIATION**2
-    return replace(
-        before,
-        mean=mean,
-        covariance=covariance,
-        heading=bearings.heading_error,
-        travel=0.0,
-        placed=True,
-    )
+    mean[of] = value
+    covariance[of] = covariance[:, of] = 0.0
+    covariance[of, of] = variance
+    return replace(before, mean=mean, covariance=covariance)
 
 
 def moved(before: Extrinsics, heading: float, *, at: FloatArray | None = None) -> Extrinsics:
@@ -202,7 +195,9 @@ def moved(before: Extrinsics, heading: float, *, at: FloatArray | None = None) -
     if not before.remembers:
         turn = math.remainder(heading - before.heading, 2.0 * math.pi)
         covariance[PSI, PSI] += LENS * LENS * abs(turn)
-    mean = path.from_mean(before.mean, at)
+    mean = path.mean
+    if at is not before.mean:
+        mean = mean + path.transition @ (before.mean - at)
     return replace(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
 
 
@@ -243,24 +238,22 @@ class _Towards(NamedTuple):
         return self.at - self.best
 
 
-def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
-    """Return the belief after ``psi`` [rad] is seen, and the innovation in deviations."""
+def seen(
+    before: Extrinsics, psi: float, deviation: float, *, anew: bool = False
+) -> tuple[Extrinsics, float]:
+    """
+    Return the belief after ``psi`` [rad] is seen, and the innovation in deviations.
+
+    ``anew`` it takes the place of the predicted one: it is by other views, to which the lens is
+    known otherwise.
+    """
     innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
     noise = CORRELATION * deviation * deviation
-    spread = math.sqrt(float(before.covariance[PSI, PSI]) + noise)
-    return corrected(before, PSI, innovation, noise), innovation / spread
-
-
-def seen_anew(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
-    """Return the belief with ``psi`` [rad] in place of the predicted one, and the innovation."""
-    noise = CORRELATION * deviation * deviation + LENS * LENS
-    innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
-    innovation /= math.sqrt(float(before.covariance[PSI, PSI]) + noise)
-    mean, covariance = before.mean.copy(), before.covariance.copy()
-    mean[PSI] = psi
-    covariance[PSI] = covariance[:, PSI] = 0.0
-    covariance[PSI, PSI] = CORRELATION * deviation * deviation
-    return replace(before, mean=mean, covariance=covariance), innovation
+    expected = float(before.covariance[PSI, PSI]) + (noise + LENS * LENS if anew else noise)
+    after = corrected(before, PSI, innovation, noise)
+    if anew:
+        after = known_anew(before, PSI, psi, noise)
+    return after, innovation / math.sqrt(expected)
 
 
 def corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
@@ -285,11 +278,7 @@ def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     innovation = math.log(distance) - before.mean[RHO]
     variance, known = max(REMEMBERED, deviation / distance) ** 2, before.covariance[RHO, RHO]
     if innovation * innovation > CONTRADICTING * (variance + known):  # that of before is wrong
-        mean, covariance = before.mean.copy(), before.covariance.copy()
-        mean[RHO] = math.log(distance)
-        covariance[RHO] = covariance[:, RHO] = 0.0
-        covariance[RHO, RHO] = variance
-        return replace(before, mean=mean, covariance=covariance)
+        return known_anew(before, RHO, math.log(distance), variance)
     if known <= variance:
         return before
     return corrected(before, RHO, innovation, variance * known / (known - variance))
@@ -324,9 +313,8 @@ def update_extrinsics(
         after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
     if bearings is None or after.distance < NEAR:
         return after
-    before = replace(before, remembers=remembers)
-    seen_now = seen_anew if switched else seen
-    after, innovation = seen_now(replace(after, remembers=remembers), bearings.psi, deviation)
+    before, after = (replace(each, remembers=remembers) for each in (before, after))
+    after, innovation = seen(after, bearings.psi, deviation, anew=switched)
     if (has_leapt := abs(innovation) > GATE) or not (switched or is_plausible(after)):
         begun = before if has_leapt else unplaced(before.configured, before.deviations)
         faults = before.contradictions + FAULT
@@ -386,11 +374,6 @@ class StraightLeg:
     weight: float = 0.0
     weighted: float = 0.0
 
-    def extended(self, heading: float, travel: float) -> 'StraightLeg':
-        """Return the leg after ``travel`` [m], which ends at a ``heading`` error [rad]."""
-        turned = self.turned + heading * travel
-        return replace(self, travel=self.travel + travel, turned=turned)
-
     def yaw(self, end: 'StraightLeg', mount: FloatArray, lever: float) -> tuple[float, float]:
         """
         Return by how much the camera looks to the left of where it is driven, and the deviation.
@@ -437,10 +420,10 @@ def straight_on(
     here = StraightLeg(*place, reading.lateral_deviation, heading)
     if leg is None:
         return here, belief
-    leg = leg.extended(heading, travel)
+    leg = replace(leg, travel=leg.travel + travel, turned=leg.turned + heading * travel)
     if abs(leg.travel) < LEG_M:
         return leg, belief
-    lever = min(max(belief.lever_deviation, LEAST_LEVER), LEVER)
+    lever = min(max(math.sqrt(belief.covariance[FORWARD, FORWARD]), LEAST_LEVER), LEVER)
     measured = leg.yaw(here, belief.likely, lever)
     following = leg.followed_by(here, *measured)
     # What is believed by now learns from each leg; it takes all of them to begin to.

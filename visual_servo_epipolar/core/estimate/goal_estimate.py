@@ -119,20 +119,11 @@ class GoalEstimate(Measurement):
         """
         if self.offset is None:
             return None
-        return in_base(np.array([*self.offset, self.heading_error]), self.pose_covariance)
-
-
-def in_base(place: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """
-    Return the goal in axes of the base, (3,), and its covariance, (3, 3).
-
-    ``place``, (3,), is right and ahead of the goal's axes [m] and the heading error [rad].
-    """
-    right, ahead, heading = place.tolist()
-    sine, cosine = math.sin(heading), math.cos(heading)
-    x, y = right * sine - ahead * cosine, right * cosine + ahead * sine
-    slope = np.array([[sine, -cosine, y], [cosine, sine, -x], [0.0, 0.0, -1.0]])
-    return np.array([x, y, -heading]), slope @ covariance @ slope.T
+        (right, ahead), heading = self.offset, self.heading_error
+        sine, cosine = math.sin(heading), math.cos(heading)
+        x, y = right * sine - ahead * cosine, right * cosine + ahead * sine
+        slope = np.array([[sine, -cosine, y], [cosine, sine, -x], [0.0, 0.0, -1.0]])
+        return np.array([x, y, -heading]), slope @ self.pose_covariance @ slope.T
 
 
 def usual_step(period: float) -> float:

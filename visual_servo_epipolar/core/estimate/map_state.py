@@ -109,7 +109,8 @@ def filter_pose(
     gain = shares[:, :UNKNOWNS].T
     if change @ shares[:, UNKNOWNS] > CONTRADICTING:
         return said, first_pose(mean, own, before.decayed_motion)
-    known = _symmetric(before.covariance - gain @ before.covariance[:PLACE])
+    known = before.covariance - gain @ before.covariance[:PLACE]
+    known = 0.5 * (known + known.T)
     now = FilteredPose(before.mean + gain @ change, known, before.decayed_motion)
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
     covariance[:PLACE, :PLACE] += known[:PLACE, :PLACE] - own[:PLACE, :PLACE]
@@ -138,10 +139,6 @@ def _change(said: MapLocalization, place: FilteredPose) -> FloatArray:
     change = said.pose[:PLACE] - said.shift[:PLACE] - place.mean[:PLACE]
     change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
     return np.asarray(change)
-
-
-def _symmetric(matrix: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,12 +30,13 @@ from visual_servo_epipolar.core.estimate.base_model import (
     SOON_S,
 )
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.geometry.epipolar import MIN_MATCHES
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.stamps import MOST_GAP_S, seconds_between
 from visual_servo_epipolar.core.twoview.observation import Observation
 
-COMMON, COMMON_SHARE = 8, 0.4  # features that two views must have in common, of the first one's
+COMMON_SHARE = 0.4  # of the first one's features, that two views must have in common
 NOISE_OF_PARALLAX = 1.2  # of two views of one place, in deviations of a coordinate
 STANDING_TURN, STANDING_PARALLAX = 0.015, 2.5  # of a standing robot at most [rad], [deviations]
 TURN_DEVIATIONS = 6.0  # that a turn between two views may be wrong by, of a parallax
@@ -56,8 +57,7 @@ NOISES = 8.0  # of an encoder, of that turn
 # Turns over those commanded: of any base, and of one of which more is noise of the encoder.
 ANY_RATIO, USUAL_RATIO = (0.0, MOST_TURN_RATIO), (0.5, 1.2)
 NOISE, SMOOTHING = 0.004, 0.05  # of an unknown encoder [rad], weight of the newest
-LASTING_S = 1.0  # of a reference, if anything moved since
-QUIET_S = 1.0  # after a contradiction, before the run may go on
+LASTING_S = 1.0  # of a reference, if anything moved since, and of quiet before a run may go on
 
 
 class Evidence(NamedTuple):
@@ -88,7 +88,7 @@ def view_motion(before: Observation, now: Observation, noise: float) -> ViewMoti
         return None
     _, here, there = np.intersect1d(now.ids, before.ids, assume_unique=True, return_indices=True)
     # What is left of many may be those that are wrong.
-    if len(here) < max(COMMON, COMMON_SHARE * len(before)):
+    if len(here) < max(MIN_MATCHES, COMMON_SHARE * len(before)):
         return None
     fit = fit_rotation(now.current[here], before.current[there])
     return ViewMotion(fit.heading_error, fit.parallax, max(NOISE_OF_PARALLAX * noise, ROUNDING))
@@ -355,7 +355,7 @@ class MotionCheck:
         """Return whether something contradicts the commands, or did just now."""
         if self.troubled_ns is None:
             return False
-        return 0.0 <= seconds_between(self.troubled_ns, now_ns) < QUIET_S
+        return 0.0 <= seconds_between(self.troubled_ns, now_ns) < LASTING_S
 
     def troubled_since(self, stamp_ns: int) -> bool:
         """Return whether something contradicted the commands since ``stamp_ns``."""

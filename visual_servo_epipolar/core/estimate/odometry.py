@@ -27,13 +27,11 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 SEEN_TURN, SEEN_WAY = 0.12, 0.3  # motion after which it is held against images [rad, m]
 DEVIATIONS = 5.0  # of a turn that is seen
 # What wheels may differ by from what is seen: of a turn, of a way, by unequal wheels [rad/m], and
-# by what a view has [rad, m].
-TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_TURN, LEAST_WAY = 0.15, 0.1, 0.12, 0.01, 0.003
-BETTER = 0.5  # of its error, that commands must have: else they are wrong as well
+# by what a view has [m].
+TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_WAY = 0.15, 0.1, 0.12, 0.003
 JUMP_SPEEDS, JUMP_WAY, JUMP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
 COMMANDED_WAY = 0.4  # commanded, after which it is held against that [m]
 LATE = 0.17  # of a way commanded, that a base obeys late [m]
-NO_LONGER = 'it is not used any more in this run, which goes on by commands'
 
 
 class MotionComparison(NamedTuple):
@@ -52,7 +50,7 @@ class MotionComparison(NamedTuple):
     @property
     def contradicts(self) -> bool:
         """Whether it is wrong, and commands are right, or much less wrong."""
-        return not self.fits and self.commanded_error < BETTER * self.error
+        return not self.fits and self.commanded_error < 0.5 * self.error
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +78,7 @@ class OdometryCheck:
             abs(math.remainder(each.turn - seen, 2.0 * math.pi))
             for each in (self.motion, self.commanded)
         )
-        bound = TURN_SHARE * max(abs(seen), abs(self.motion.turn)) + LEAST_TURN
+        bound = TURN_SHARE * max(abs(seen), abs(self.motion.turn)) + MOST_DEVIATION
         bound += TURN_OF_WAY * abs(self.motion.way)
         bound += DEVIATIONS * math.hypot(*map(heading_deviation, (self.seen, now)))
         return MotionComparison(seen, error, commanded, bound)
@@ -224,7 +222,8 @@ class Odometry:
     def _refuted(self, contradictions: int, trouble: str) -> 'Odometry':
         if contradictions < MOST_CONTRADICTIONS:
             return self
-        return replace(self, refuted=f'{trouble}; {NO_LONGER}')
+        refuted = f'{trouble}; it is not used any more in this run, which goes on by commands'
+        return replace(self, refuted=refuted)
 
 
 def _jump(motion: Motion, dt: float, settings: DriveSettings) -> str:

@@ -25,10 +25,6 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 WHEELS_LAG = 0.002  # by which images and odometry may be apart [m]: their stamps are of one clock
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
 DEFAULT_LAW = 'full'
-TEXT = (
-    'Control law: paper (sign as printed), corrected (true sigma), full (all departures), smooth '
-    '(one motion), or one of another package'
-)
 
 SettingsT = TypeVar('SettingsT', bound='DriveSettings')
 EpipoleControls: TypeAlias = Callable[..., tuple[float, float]]
@@ -101,7 +97,11 @@ class ControlSettings(Settings):
         'least_room': 'least_spiral_ratio',
     }
 
-    law: str = setting(DEFAULT_LAW, TEXT)
+    law: str = setting(
+        DEFAULT_LAW,
+        'Control law: paper (sign as printed), corrected (true sigma), full (all departures), '
+        'smooth (one motion), or one of another package',
+    )
     true_sigma: bool = departure_setting('true_sigma')
     discordant_turn: bool = departure_setting('discordant_turn')
     retreat: bool = departure_setting('retreat')
@@ -269,8 +269,11 @@ class ControlSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if turns_in_place(self.drive):
-            self._refuse_curvature()
+        if turns_in_place(self.drive) and self.max_curvature > 0.0:
+            raise ValueError(
+                f'max_curvature must be 0 for base {self.base}, which turns in place, got '
+                f'{self.max_curvature:g} 1/m; set base: car where it does not'
+            )
         if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
             raise ValueError(
                 'dead bands must not exceed max_linear and max_angular, got '
@@ -295,13 +298,6 @@ class ControlSettings(Settings):
     def derives(self) -> bool:
         """Whether gains are derived where step 1 begins."""
         return self.gains == 'derived'
-
-    def _refuse_curvature(self) -> None:
-        if self.max_curvature > 0.0:
-            raise ValueError(
-                f'max_curvature must be 0 for base {self.base}, which turns in place, got '
-                f'{self.max_curvature:g} 1/m; set base: car where it does not'
-            )
 
     def _check_derivation(self) -> None:
         if self.finite_time:

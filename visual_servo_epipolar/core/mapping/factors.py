@@ -84,10 +84,6 @@ class Factors:
         directions = steps / np.maximum(ways, ROUNDING)[:, None]
         return math.log(whole / expected) / self.scale_deviation, directions, whole
 
-    def at_scale(self, unknowns: Unknowns) -> Unknowns:
-        """Return the same geometry as large as the driven way makes it: images cannot tell."""
-        return unknowns.scaled(self.ratio(unknowns))
-
     def ratio(self, unknowns: Unknowns) -> float:
         """Return how many times as large the geometry is by the driven way."""
         residual, _, whole = self._scale(unknowns)

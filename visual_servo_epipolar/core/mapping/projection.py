@@ -17,8 +17,7 @@ from visual_servo_epipolar.core.mapping.window import (
 
 # x, y, heading, tilt, roll; two offsets, nearness; tilt and roll of the photograph, lens.
 BY_VIEW, BY_FEATURE, BY_SHARED = slice(0, 5), slice(5, 8), slice(8, 11)
-OFFSETS, INVERSE_DEPTH = slice(5, 7), 7
-UNKNOWNS = 11
+OFFSETS = slice(5, 7)
 BACKWARD = np.array([-1.0, 1.0])
 OPPOSITE = 1e12  # square of a residual of what would lie behind its ray
 
@@ -131,11 +130,11 @@ def slopes(
     across *= inverse[..., None, :]
     # In upright axes of the photograph.
     carried = turns.swapaxes(-1, -2)[..., None, :, :] @ across
-    found = np.empty((*points.shape[:-2], UNKNOWNS, 2, points.shape[-1]))
+    found = np.empty((*points.shape[:-2], BY_SHARED.stop, 2, points.shape[-1]))
     level = carried[..., ::2, :].swapaxes(-3, -2)  # right, ahead
     np.multiply(level, -structure.inverse_depth, out=found[..., :HEADING, :, :])
     moved = level * (views[..., :HEADING] * BACKWARD)[..., None, None]
-    np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., INVERSE_DEPTH, :, :])
+    np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., OFFSETS.stop, :, :])
     moved = level * upright[..., ::-2, None, :]
     np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., HEADING, :, :])
     a0, a1 = across[..., 0, :], across[..., 1, :]

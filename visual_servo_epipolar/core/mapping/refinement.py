@@ -160,8 +160,7 @@ def _eliminated(at: Evaluation, products: FloatArray, size: int) -> tuple[FloatA
     blocks[2, 2] += LEAST_INFORMATION
     roots = inverse_roots(blocks)
     coupling = np.zeros((count, 3, size))
-    by_view = coupling[..., : VIEW * views].reshape(count, 3, views, VIEW)
-    by_view[...] = products[:, :, BY_VIEW].transpose(3, 1, 0, 2)
+    by_view = products[:, :, BY_VIEW].transpose(3, 1, 0, 2)
     coupling[..., : VIEW * views] = by_view.reshape(count, 3, -1)
     both = slice(VIEW * views, VIEW * views + MOUNT.start)
     coupling[..., both] = products[:, :, BY_SHARED].sum(0).transpose(2, 0, 1)
@@ -171,7 +170,7 @@ def _eliminated(at: Evaluation, products: FloatArray, size: int) -> tuple[FloatA
 def _whole(found: FloatArray, residuals: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     """Return equations of views and of what all share before features are eliminated."""
     views = len(found)
-    rows = found.reshape(views, projection.UNKNOWNS, -1)
+    rows = found.reshape(views, BY_SHARED.stop, -1)
     products = rows @ rows.swapaxes(1, 2)
     pulls = (rows @ residuals.reshape(views, -1, 1))[..., 0]
     matrix, vector = np.zeros((size, size)), np.zeros(size)
@@ -300,7 +299,8 @@ def refine(
 
     at = start
     if system is None:  # damped steps hardly move along what so little is known of
-        at = replace(start, unknowns=start.factors.at_scale(start.unknowns))
+        ratio = start.factors.ratio(start.unknowns)
+        at = replace(start, unknowns=start.unknowns.scaled(ratio))
     geometry = Geometry(at, damping=damping)
     if steps:
         geometry, _ = least_squares(geometry, linearise, moved, steps)

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
 LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
 LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.12  # by two views, by a memory of views [m]
-LIKELY = 2.0  # deviations of the slope
+LIKELY = 2.0  # deviations by which a slope, or a way, may well be off
 MEMORY_LENGTH = 0.5  # travel in which the weight of past slopes falls to 1/e [m]
 
 
