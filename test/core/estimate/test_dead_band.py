@@ -1,6 +1,8 @@
 """Dead bands: learnt where the base stood, by nobody who moves, and never past what is slow."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import repeat
 import math
 
 import pytest
@@ -21,42 +23,80 @@ from visual_servo_epipolar.core.estimate.dead_band import (
 )
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.supervisor import update
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
 DT = 0.1
+NOTHING, UNKNOWN = Threshold(), DeadBand()
 
 
-def after(
-    velocity: float, moved: float, *, seconds=4.0, most=0.1, deviation=1e-3, latency=0.0
+def judged(
+    velocities: Iterable[float],
+    moved: float = 0.0,
+    *,
+    dts: Iterable[float] = repeat(DT),
+    begun: Threshold = NOTHING,
+    deviation: float = 1e-3,
+    most: float = 0.1,
+    **known: float,
 ) -> Threshold:
-    """Return the threshold of a base that makes of a command the part ``moved``."""
-    threshold, position = Threshold(), 1.0
-    for _ in range(round(seconds / DT)):
-        position += moved * velocity * DT
-        known = {'most': most, 'latency': latency}
-        threshold = threshold.updated(position, deviation, velocity, DT, **known)
+    """Return the threshold of a base that makes of commands the part ``moved``."""
+    threshold, position = begun, 1.0
+    for velocity, dt in zip(velocities, dts, strict=False):
+        position += moved * velocity * dt
+        threshold = threshold.updated(position, deviation, velocity, dt, most=most, **known)
     return threshold
 
 
-@pytest.mark.parametrize('velocity', [0.01, -0.01])
-def test_who_stands_below_a_command_needs_more(velocity) -> None:
-    assert after(velocity, 0.0, seconds=7.0).value == pytest.approx(LEAST_ASKED / DT)
-    assert after(3.0 * velocity, 0.0, seconds=7.0).value == pytest.approx(MARGIN * 0.03)
+@pytest.mark.parametrize(
+    ('velocities', 'known', 'least', 'most'),
+    [
+        pytest.param([0.01] * 70, {}, LEAST_ASKED / DT, LEAST_ASKED / DT, id='a base that stands'),
+        pytest.param([-0.01] * 70, {}, LEAST_ASKED / DT, LEAST_ASKED / DT, id='to the other side'),
+        pytest.param([0.03] * 70, {}, MARGIN * 0.03, MARGIN * 0.03, id='of a faster command'),
+        pytest.param([0.03] * 18, {}, MARGIN * 0.03, MARGIN * 0.03, id='one stand is enough'),
+        pytest.param([0.01] * 40, {'moved': 0.6}, 0.0, 0.0, id='worn wheels'),
+        pytest.param([0.01] * 40, {'moved': 1.3}, 0.0, 0.0, id='larger wheels'),
+        pytest.param([0.11] * 40, {}, 0.0, 0.0, id='held, at a speed that is not slow'),
+        pytest.param([0.09] * 600, {}, 0.09, 0.1, id='never past what is slow'),
+        pytest.param([0.05] * 7, {}, 0.0, 0.0, id='a base that follows late is waited for'),
+        pytest.param([0.05] * 12, {'latency': 1.0}, 0.0, 0.0, id='and longer if known to be'),
+        pytest.param([0.05] * 15, {'latency': 1.0}, 0.05, 0.1, id='but not for ever'),
+        pytest.param([0.01] * 40, {'deviation': 0.01}, 0.0, 0.0, id='noise hides it'),
+        pytest.param([0.01] * 40, {'deviation': math.nan}, 0.0, 0.0, id='nothing is measured'),
+        pytest.param([0.05] * 2 + [0.0] * 20 + [0.05] * 6, {}, 0.0, 0.0, id='after a pause'),
+        pytest.param(([0.01] * 5 + [-0.01] * 5) * 10, {}, 0.0, 0.0, id='to and fro'),
+        pytest.param([0.03, 0.0, 0.0] * 34, {}, 0.07425, 0.1, id='pauses between pulses'),
+        pytest.param([0.05] * 12, {'deviation': 1e-4}, 0.05, 0.1, id='a turn in place'),
+        pytest.param(
+            [0.05] * 12,
+            {'deviation': 1e-4, 'way': 0.02, 'gone': 0.02},
+            *(0.0, 0.0),
+            id='on a way wheels may undo a turn for a while',
+        ),
+        pytest.param(
+            [0.03] * 12, {'dts': [DT] * 6 + [1.0] + [DT] * 5}, 0.0, 0.0, id='images that hang'
+        ),
+        pytest.param([0.03] * 3, {'dts': [0.6] * 3, 'moved': 1.0}, 0.0, 0.0, id='after a gap'),
+    ],
+)
+def test_a_base_that_stands_below_a_command_needs_more(velocities, known, least, most) -> None:
+    threshold = judged(velocities, **known)
+    assert least - 1e-9 <= threshold.value <= most + 1e-9
+    assert threshold.value or not threshold.stood
 
 
 @pytest.mark.parametrize('sides', [(1.0,), (1.0, -1.0)], ids=['one side', 'both sides'])
 def test_while_nothing_moves_the_steps_grow_fast(sides: tuple[float, ...]) -> None:
     """A creeping command is not followed, nor are pulses to either side, one each 0.6 s."""
-    threshold, creeping = Threshold(), 0.002
+    threshold = Threshold()
     for frame in range(60):
-        velocity = creeping
-        if threshold.value:
-            pulse = sides[frame // 6 % len(sides)] * threshold.value
-            velocity = 0.0 if frame % 6 else pulse
-        threshold = threshold.updated(0.0, 3e-4, velocity, DT, most=0.1)
+        pulse = sides[frame // 6 % len(sides)] * threshold.value
+        velocity = (0.0 if frame % 6 else pulse) if threshold.value else 0.002
+        threshold = judged([velocity], begun=threshold, deviation=3e-4)
     assert threshold.value > 0.09
 
 
@@ -70,23 +110,6 @@ def test_a_pulse_is_not_judged_before_it_acts() -> None:
     assert threshold.value == 0.05
 
 
-@pytest.mark.parametrize('moved', [0.6, 0.8, 1.0, 1.3])
-def test_who_moves_a_part_of_it_is_worn_not_standing(moved) -> None:
-    assert after(0.01, moved).value == 0.0
-
-
-def test_what_is_not_slow_is_no_dead_band() -> None:
-    """A robot that somebody holds, or whose emergency stop is pressed, teaches nothing of it."""
-    assert after(0.11, 0.0).value == 0.0
-    assert after(0.09, 0.0, seconds=60.0).value <= 0.1
-
-
-def test_a_base_that_follows_late_is_waited_for() -> None:
-    assert after(0.05, 0.0, seconds=0.7).value == 0.0
-    assert after(0.05, 0.0, seconds=1.2, latency=1.0).value == 0.0
-    assert after(0.05, 0.0, seconds=1.5, latency=1.0).value > 0.05
-
-
 def test_a_push_against_a_slow_command_is_no_standstill() -> None:
     threshold, position = Threshold(), 0.0
     for frame in range(12):
@@ -95,54 +118,34 @@ def test_a_push_against_a_slow_command_is_no_standstill() -> None:
     assert threshold.value == threshold.stood == 0.0
 
 
-def test_a_command_after_a_pause_is_waited_for_as_the_first_one() -> None:
-    threshold = Threshold()
-    for velocity in [0.05] * 2 + [0.0] * 20 + [0.05] * 6:
-        threshold = threshold.updated(0.0, 1e-4, velocity, DT, most=0.1)
-        assert threshold.value == 0.0
-
-
-def test_on_a_way_a_turn_is_waited_for_longer_as_wheels_may_undo_it_for_a_while() -> None:
-    for way, patient in ((0.02, True), (0.0, False)):
-        threshold = Threshold()
-        for _ in range(12):
-            known = {'most': 0.1, 'way': way, 'gone': way}
-            threshold = threshold.updated(0.0, 1e-4, 0.05, DT, **known)
-        assert (threshold.value == 0.0) is patient
-
-
-def test_what_noise_hides_teaches_nothing() -> None:
-    assert after(0.01, 0.0, deviation=0.01).value == 0.0
-    assert after(0.01, 0.0, deviation=math.nan).value == 0.0
-
-
-def test_pulses_to_both_sides_begin_anew() -> None:
-    threshold = Threshold()
-    for k in range(100):
-        velocity = 0.01 if k % 10 < 5 else -0.01
-        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.1)
-    assert threshold.value == 0.0
-
-
-def test_pauses_between_pulses_count_as_nothing_commanded() -> None:
-    threshold = Threshold()
-    for k in range(100):
-        velocity = 0.03 if k % 3 == 0 else 0.0
-        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.1)
-    assert 0.99 * MARGIN * 0.03 < threshold.value < 0.1
-
-
-def test_one_stand_is_enough_where_no_wheels_undo_turns() -> None:
-    assert after(0.03, 0.0, seconds=1.8).value == pytest.approx(MARGIN * 0.03)
-
-
 def test_the_last_command_before_it_moved_is_not_the_least_that_moves_it() -> None:
     """A base that speeds up out of its dead band stood below less than what moved it."""
-    threshold = Threshold()
-    for k in range(90):
-        velocity = 0.02 if k != 13 else 0.09
-        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.2)
-    assert 0.0 < threshold.value < MARGIN * 0.06
+    speeds = [0.02 if k != 13 else 0.09 for k in range(90)]
+    assert 0.0 < judged(speeds, most=0.2).value < MARGIN * 0.06
+
+
+def test_stamps_that_leap_teach_nothing() -> None:
+    threshold = judged([0.02] * 30, deviation=0.05)
+    leapt = judged([0.02], dts=[0.0], begun=threshold)  # surer where no time has passed
+    assert leapt == Threshold()
+
+
+STANDING = sight(heading_error=0.01, heading_deviation=1e-4)
+
+
+def learnt(
+    twists: Iterable[tuple[float, float]],
+    seen: Measurement = STANDING,
+    said: MapLocalization | None = None,
+    *,
+    band: DeadBand = UNKNOWN,
+    dt: float = DT,
+    settings: ServoSettings = SETTINGS,
+) -> DeadBand:
+    """Return what a base tells that stands, whatever is commanded [m/s, rad/s]."""
+    for twist in twists:
+        band = band.updated(seen, said, Twist(*twist), dt, settings)
+    return band
 
 
 def turned(velocity: float, moved: float, *, linear: float = 0.0) -> DeadBand:
@@ -183,10 +186,7 @@ def at_speed(
             velocity, owed = pulse(wanted, owed, band.angular.value)
             follows = abs(velocity) >= dead_band
             heading += (follows * velocity + 0.2 * curvature) * DT
-            seen, twist = (
-                sight(heading_error=heading, heading_deviation=3e-4),
-                Twist(0.2, velocity),
-            )
+            seen, twist = replace(STANDING, heading_error=heading), Twist(0.2, velocity)
             band = band.updated(seen, None, twist, DT, settings, view_moves=drives)
     return band
 
@@ -195,13 +195,11 @@ def test_a_base_that_goes_nowhere_at_speed_is_deaf_and_has_no_dead_band() -> Non
     assert at_speed(0.04, -0.04, 0.02, drives=False).angular.value == 0.0
 
 
-def test_turns_that_change_nothing_tell_a_dead_band_at_full_speed_also_without_a_map() -> None:
-    assert at_speed(0.04).angular.value >= 0.08
-    assert at_speed(0.04, -0.03).angular.value >= 0.08
-
-
 def test_a_base_that_has_one_dead_band_has_both_as_long_as_no_other_is_configured() -> None:
-    assert at_speed(0.04).linear.value == FOLLOWED
+    """Turns that change nothing tell it at full speed, also without a map."""
+    assert at_speed(0.04, -0.03).angular.value >= 0.08
+    both = at_speed(0.04)
+    assert (both.angular.value >= 0.08, both.linear.value) == (True, FOLLOWED)
     assert at_speed(0.04, settings=replace(SETTINGS, dead_band_linear=0.01)).linear.value == 0.0
     assert at_speed(-0.02, curvature=0.1, dead_band=0.0).linear.value == 0.0
 
@@ -225,28 +223,22 @@ def test_a_dead_band_is_no_curvature() -> None:
 
 @pytest.mark.parametrize('parallax', [0.5, 40.0])
 def test_a_rotation_alone_tells_turns_but_for_parallax(parallax: float) -> None:
-    band = DeadBand()
     seen = sight(bearings=None, heading_error=0.0)
-    seen = replace(seen, parallax=parallax * seen.noise)
-    for _ in range(40):
-        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
+    band = learnt([(0.0, 0.02)] * 40, replace(seen, parallax=parallax * seen.noise))
     assert (band.angular.value > 0.02) is (parallax < 1.0)
 
 
 def test_pulses_ahead_and_back_do_not_keep_from_learning_of_turns() -> None:
-    band = DeadBand(linear=Threshold(0.05))
-    for frame in range(40):
-        linear = 0.0 if frame % 6 else math.copysign(0.05, frame % 12 - 3)
-        seen = sight(heading_error=0.01, heading_deviation=1e-4)
-        band = band.updated(seen, reading(), Twist(linear, 0.007), DT, SETTINGS)
+    speeds = [0.0 if frame % 6 else math.copysign(0.05, frame % 12 - 3) for frame in range(40)]
+    begun = DeadBand(linear=Threshold(0.05))
+    band = learnt([(speed, 0.007) for speed in speeds], said=reading(), band=begun)
     assert band.angular.value > 0.02
 
 
 def test_a_base_that_does_not_drive_slowly_is_not_taken_to_turn_slowly_either() -> None:
     for settings in (SETTINGS, replace(SETTINGS, dead_band_angular=0.01)):
-        band = DeadBand()
-        for _ in range(40):
-            band = band.updated(sight(), reading(), Twist(0.02, 0.0), DT, settings)
+        band = learnt([(0.02, 0.0)] * 40, sight(), reading(), settings=settings)
+        assert 0.02 < band.linear.value <= largest_dead_band(settings.max_linear)
         assert bool(band.angular.value) is not bool(settings.dead_band_angular)
         assert band.angular.value <= largest_dead_band(settings.max_angular)
 
@@ -284,36 +276,17 @@ def test_a_base_that_goes_on_standing_needs_more_than_what_its_turns_made_of_it(
     velocities: tuple[float, ...], raised: bool
 ) -> None:
     """It never stands by its commands, so that no move between two stands tells."""
-    band = DeadBand(linear=Threshold(0.033), angular=Threshold(0.033))
-    for frame in range(30):
-        twist = Twist(velocities[frame % len(velocities)], 0.0)
-        band = band.updated(sight(), reading(), twist, DT, SETTINGS)
+    begun = DeadBand(linear=Threshold(0.033), angular=Threshold(0.033))
+    twists = [(velocity, 0.0) for velocity in velocities * 30]
+    band = learnt(twists[:30], sight(), reading(), band=begun)
     assert (band.linear.value > 0.06) is raised
 
 
 def test_two_views_tell_turns_but_no_way() -> None:
-    band, bare = DeadBand(), sight()
-    for _ in range(40):
-        band = band.updated(
-            replace(bare, covariance=1e-6 * reading().bearings_covariance),
-            None,
-            Twist(0.02, 0.0),
-            DT,
-            SETTINGS,
-        )
+    seen = sight(covariance=1e-6 * reading().bearings_covariance)
+    band = learnt([(0.02, 0.0)] * 40, seen)
     assert band.linear.value == 0.0
-    for _ in range(40):
-        seen = replace(bare, covariance=1e-6 * reading().bearings_covariance)
-        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
-    assert band.angular.value > 0.02
-
-
-def test_a_way_that_was_not_driven_is_seen_by_the_memory() -> None:
-    band = DeadBand()
-    for _ in range(40):
-        band = band.updated(sight(), reading(), Twist(0.02, 0.0), DT, SETTINGS)
-    assert band.linear.value > 0.02
-    assert band.linear.value <= largest_dead_band(SETTINGS.max_linear)
+    assert learnt([(0.0, 0.02)] * 40, seen, band=band).angular.value > 0.02
 
 
 def turning(frame: int) -> Measurement:
@@ -331,28 +304,6 @@ def test_a_turn_alone_is_no_way_back() -> None:
         seen = reading(lateral=right, longitudinal=ahead, heading_error=heading)
         band = band.updated(sight(), seen, Twist(0.02, 0.05), DT, SETTINGS)
     assert band.linear.value == 0.0
-
-
-def test_the_first_look_after_a_gap_is_none() -> None:
-    threshold, position = Threshold(), 0.0
-    for _ in range(3):
-        position += 0.03 * 0.6
-        threshold = threshold.updated(position, 1e-3, 0.03, 0.6, most=0.1)
-        assert threshold.stood == 0.0
-
-
-def test_images_that_hang_teach_nothing() -> None:
-    threshold = Threshold()
-    for dt in [DT] * 6 + [1.0] + [DT] * 5:
-        threshold = threshold.updated(0.0, 1e-3, 0.03, dt, most=0.1)
-    assert threshold.value == threshold.stood == 0.0
-
-
-def test_stamps_that_leap_teach_nothing() -> None:
-    threshold = Threshold()
-    for dt, deviation in [(DT, 0.05)] * 30 + [(0.0, 1e-3)]:  # surer where no time has passed
-        threshold = threshold.updated(0.0, deviation, 0.02, dt, most=0.1)
-    assert threshold == Threshold()
 
 
 def test_limits_that_are_lowered_hold_for_what_was_learnt() -> None:
@@ -375,11 +326,8 @@ def test_who_may_not_learn_forgets(change) -> None:
 
 
 def test_few_images_a_second_make_long_pulses_so_they_are_slow() -> None:
-    threshold = DeadBand()
-    for _ in range(20):
-        seen = sight(heading_error=0.0, heading_deviation=1e-4)
-        threshold = threshold.updated(seen, None, Twist(0.0, 0.015), 0.45, SETTINGS)
-    assert 0.015 < threshold.angular.value <= 2.0 * MOST_HOP[1] / 0.45
+    band = learnt([(0.0, 0.015)] * 20, dt=0.45)
+    assert 0.015 < band.angular.value <= 2.0 * MOST_HOP[1] / 0.45
 
 
 def test_commands_below_what_was_learnt_come_as_pulses() -> None:
@@ -396,16 +344,6 @@ def test_commands_below_what_was_learnt_come_as_pulses() -> None:
         state = then(state, turning(frame))
         sent.add(round(abs(state.twist.angular), 6))
     assert {0.0, 0.05} <= sent and not any(0.0 < each < 0.05 for each in sent)
-
-
-def test_a_law_may_not_learn_it() -> None:
-    alone = replace(SETTINGS, learnt_dead_band=False)
-    state = in_phase(Phase.ORIENTING)
-    for settings, learns in ((SETTINGS, True), (alone, False)):
-        now = state.changed(command=replace(state.command, twist=Twist(0.0, -0.02)))
-        for frame in range(2, 60):
-            now = update(now, Perception(turning(frame), MEMORY), DT, settings)
-        assert (now.identified.dead_band.angular.value > 0.0) is learns
 
 
 @pytest.mark.parametrize(('follows', 'learnt'), [(0.0, True), (1.0, False)])
