@@ -108,8 +108,7 @@ class Threshold:
         patience = PATIENCE_ON_WAY_S if after.drives else PATIENCE_S
         many = lasted >= late + patience and abs(asked) >= MANY * self.value * dt
         has_acted = many or (pulses and idle + dt > late)
-        certain = math.sqrt(CONTRADICTING) / STANDING * deviation  # that it stands, or moves
-        enough = abs(asked) >= max(LEAST_ASKED, certain)
+        enough = abs(asked) >= max(LEAST_ASKED, math.sqrt(CONTRADICTING) / STANDING * deviation)
         tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
         return after._judged(position, dt, most) if enough and has_acted and tells else after
 
