@@ -17,17 +17,17 @@ from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
 from visual_servo_epipolar.core.geometry.motion import compose, relative_pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
+from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, WITHDRAWN_S
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
+from visual_servo_epipolar.core.routes.path import OUTLIER, PathPoint, TaughtPath
 from visual_servo_epipolar.core.routes.places import Place
-from visual_servo_epipolar.core.routes.route import Bridge, Route
+from visual_servo_epipolar.core.routes.route import Bridge, MOST_IMAGES, Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.routes.structure import ViewPose
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.photographs import MIN_COMMON
 
-GATE = 4.0  # deviations of a view from what was predicted, from which it is not believed
 GATE_FLOOR = np.array([0.02, 0.02, 0.01])  # that they are at least [m, m, rad]
 SLIP_NOISE = 0.03  # of the true way against the commanded one [m/sqrt(m)]
 PLACE_NOISE = np.array([0.02, 0.02, 0.02])  # of way, offset and turn of a place [m, m, rad]
@@ -37,14 +37,12 @@ SLIDE_NOISE = 0.002  # of the base across its heading [m/sqrt(m)]
 BIAS_NOISE = 0.01  # by which the curvature of the wheels changes [1/m/sqrt(m)]
 FIRST = np.diag([0.3**2, 0.3**2, 0.03**2])
 LEAST = np.array([0.0015, 0.0006])  # deviations of one view beside its own: the seam [m, rad]
-COASTED = 0.5  # time without a trusted view after which it stands [s]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
 SLOWEST = 0.1  # that it drives where it was taught slower [m/s]
 PASSED = 0.05  # way by which a key view counts as passed [m]
 TURNED = 0.8  # from the heading of the path, from which a base that can turns in place [rad]
 TURNED_BACK = 0.1  # where it turns in place as taught, with nothing in sight [rad]
-CONFIRMED_NEAR, LEAST_CONFIRMED = 0.06, 30  # of a key view that is confirmed: away [m], inliers
-MOST_CONFIRMED = 200  # images that are kept for this
+CONFIRMED_NEAR = 0.06  # from a key view that is confirmed [m]
 CRAWL = 0.05  # speed at which a station is come near [m/s]
 
 
@@ -144,14 +142,14 @@ class PathEstimate:
         least, most = sorted((self._seen_way, self.way))
         slip = point.way - min(max(point.way, least), most)
         off = np.array([slip, point.offset - offset, point.turn - turn])
-        covariance = measured.covariance + np.diag((GATE_FLOOR / GATE) ** 2)
+        covariance = measured.covariance + np.diag((GATE_FLOOR / OUTLIER) ** 2)
         covariance[0, 0] += self.way_variance
         covariance[1:, 1:] += self.covariance[:2, :2]
-        if float(off @ np.linalg.solve(covariance, off)) <= GATE**2:
+        if float(off @ np.linalg.solve(covariance, off)) <= OUTLIER**2:
             return ''
         return (
             f'the view is {off[0]:+.3f} m along the way, {off[1]:+.3f} m beside it and '
-            f'{off[2]:+.3f} rad off what was predicted, {GATE:g} deviations are believed'
+            f'{off[2]:+.3f} rad off what was predicted, {OUTLIER:g} deviations are believed'
         )
 
     def update(self, measured: PathMeasurement) -> None:
@@ -288,7 +286,7 @@ class Follower:
         if found is not None:
             self.estimate.update(found)
             self._confirm(image, found)
-        drives = self.estimate.is_placed and self.lost <= COASTED
+        drives = self.estimate.is_placed and self.lost <= WITHDRAWN_S
         wanted = self._wanted(found, dt) if drives else STANDSTILL
         self.limiter = self.limiter.after(
             wanted, self.limiter.ramp_step(dt, USUAL_STEP_S), self._base
@@ -329,8 +327,8 @@ class Follower:
         """Remember an image that was taken where the key view ahead was."""
         away = abs(self.estimate.way - self.route.views[self.view].way)
         before = self.confirmed.get(self.view)
-        is_full = len(self.confirmed) >= MOST_CONFIRMED and before is None
-        if not self.settings.renewals or is_full or found.inliers < LEAST_CONFIRMED:
+        is_full = len(self.confirmed) >= MOST_IMAGES and before is None
+        if not self.settings.renewals or is_full or found.inliers < MIN_COMMON:
             return
         if away < (CONFIRMED_NEAR if before is None else before.away):
             features = self._tracker(self.view).features
@@ -436,7 +434,7 @@ def confidence(offset: float, deviation: float, lost: float) -> float:
     """Return the share of the taught speed at which it is safe to go on, ``lost`` for a time."""
     share = min(1.0, 3.0 * CERTAIN / max(deviation, 1e-6), 0.1 / max(abs(offset), 1e-6))
     # By and by: a single image without a view is no reason to turn less at once.
-    return max(share * (1.0 - 0.6 * min(lost / COASTED, 1.0)), 0.2)
+    return max(share * (1.0 - 0.6 * min(lost / WITHDRAWN_S, 1.0)), 0.2)
 
 
 def steer(state: FloatArray, curvature: float, speed: float, settings: FollowSettings) -> Twist:

@@ -21,14 +21,15 @@ from visual_servo_epipolar.core.tracking.matching import (
     view_of_keypoints,
     warps_of,
 )
+from visual_servo_epipolar.core.tracking.photographs import FEW
 from visual_servo_epipolar.core.tracking.sampling import inside_border, patch_radius
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.tracking.warps import Warps
 
 MARGIN = 8.0  # from the border of the image, of what is expected in it [px]
-SETTINGS = TrackerSettings(max_features=60, min_features=20)
-ENOUGH = 40  # features with which a photograph is good enough: the first one rules
+SETTINGS = TrackerSettings(min_features=FEW)
+ENOUGH = TrackerSettings.min_features  # of a photograph that is good enough: the first one rules
 SAME_PX = 1.5  # from a feature to the keypoint that is the same [px]
 
 

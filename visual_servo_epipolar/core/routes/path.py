@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.least_squares import linear_fit
 REACH = 6  # samples on either side of the last that are looked at
 HALF_WIDTH = 0.25  # of the way over which a sample is smoothed [m]
 LEAST = 5  # samples within it: where there are fewer, farther ones count
-OUTLIER = 4.0  # deviations from its neighbours at which a sample counts no more
+OUTLIER = 4.0  # deviations from its neighbours, or what was predicted: not believed
 ROUNDS = 4
 FLOOR = 1e-4  # of such a deviation [m, rad]
 LEAST_STEP = 1e-3  # between samples [m]

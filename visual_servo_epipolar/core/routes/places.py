@@ -21,10 +21,9 @@ from visual_servo_epipolar.core.routes.path import PathPoint
 from visual_servo_epipolar.core.routes.route import Route, RouteView
 from visual_servo_epipolar.core.routes.structure import SCALE_DEVIATION, ViewPose
 from visual_servo_epipolar.core.tracking.canvas import Canvas
-from visual_servo_epipolar.core.tracking.matchers.sift import detect
+from visual_servo_epipolar.core.tracking.matchers.sift import detect, ENOUGH
 from visual_servo_epipolar.core.tracking.matching import CurrentView
 
-MOST_KEYPOINTS = 500  # of the image that is looked for
 SHORTLIST = 5  # key views that are looked at closely
 STARTS = 4  # parts of the path of each, in which its place is looked for
 LEAST_VOTES = 6  # of a key view to be on it
@@ -103,7 +102,7 @@ class PlaceFinder:
 
         Those not ``among`` these numbers have none, and are no rivals where rooms look alike.
         """
-        keypoints = detect(as_gray(image), limit=MOST_KEYPOINTS)
+        keypoints = detect(as_gray(image), limit=ENOUGH)
         votes = np.zeros(len(self.route.views))
         numbers = np.arange(len(votes)) if among is None else np.array(among)
         if not len(keypoints):

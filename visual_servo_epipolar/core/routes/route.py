@@ -18,6 +18,8 @@ from visual_servo_epipolar.core.routes.structure import LocalStructure
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.photographs import superfluous
 
+MOST_IMAGES = 200  # of a way, in memory
+
 
 @dataclass(frozen=True, eq=False)
 class Appearance:

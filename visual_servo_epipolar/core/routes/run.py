@@ -19,17 +19,16 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.odometry.commands_sent import WITHDRAWN_S
 from visual_servo_epipolar.core.routes.follower import (
-    COASTED,
     Confirmation,
     Follower,
-    LEAST_CONFIRMED,
     PASSED,
     RouteProgress,
     TURNED,
 )
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.places import Place, PlaceFinder
+from visual_servo_epipolar.core.routes.places import CERTAIN, Place, PlaceFinder
 from visual_servo_epipolar.core.routes.route import Route, RouteView
 from visual_servo_epipolar.core.routes.settings import FollowSettings
 from visual_servo_epipolar.core.servo.admission import Arrival, FrozenImageCheck
@@ -38,11 +37,12 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.photographs import MIN_COMMON
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.twoview.observation import observe
 
-APART, APART_SHARE = 0.05, 0.1  # of a station [m], and share of what was driven
+APART_SHARE = 0.1  # of what was driven, that a station may be apart beside a place that is certain
 LOCALIZING, FOLLOWING = 'localizing', 'following'
 LEAST_RATIO = 0.01  # of max_speed_ratio
 SEARCH_FRAMES = 5  # images between two looks at the route
@@ -74,7 +74,7 @@ class Docking:
     def trouble(self) -> str:
         """That an arrival here would be elsewhere than where the way leads; or ''."""
         apart = math.hypot(self._pose.x, self._pose.y)
-        if self._run is None or apart <= APART + APART_SHARE * self._driven:
+        if self._run is None or apart <= CERTAIN + APART_SHARE * self._driven:
             return ''
         return (
             f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '
@@ -263,7 +263,7 @@ class RouteRun:
             if number == self.target:
                 tracker.locate(seen.image, np.zeros(3))
                 features = tracker.features
-            if len(features) >= LEAST_CONFIRMED:
+            if len(features) >= MIN_COMMON:
                 appearance = tracker.appearance(seen.image, features)
                 views[number] = views[number].renewed_by(appearance, self.settings.renewals)
         return Route(self.taught.camera, tuple(views))
@@ -328,7 +328,7 @@ class RouteRun:
         progress = follower.step(image, stamp_ns)
         if follower.estimate.disobeyed:
             return self.fail(follower.estimate.disobeyed)
-        if follower.lost > COASTED:
+        if follower.lost > WITHDRAWN_S:
             return self._recover(image, follower, progress)
         self._searched = 0
         return RouteStep(follower.twist, FOLLOWING, follower.reason, progress)

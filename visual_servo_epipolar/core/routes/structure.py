@@ -10,6 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.epipolar import MIN_MATCHES
 from visual_servo_epipolar.core.mapping.factors import (
     camera_poses,
     factors_of,
@@ -55,7 +56,7 @@ LEAST_NOISE_PX = 0.1  # of one on another day: what patches get wrong alike, no 
 ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
 LEAST_FEATURES = 12  # of a structure
-MIN_AGREEING, MIN_SHARE = 8, 0.5  # features of a view that agree with one place
+MIN_SHARE = 0.5  # of the features of a view, that agree with one place
 OBJECT = 0.6  # around a feature, seen from above: what may be one piece of furniture [m]
 WITNESSES = 4  # features elsewhere that can contradict it
 
@@ -143,7 +144,7 @@ class Localizer:
         What stands together may have been moved together, and agrees on a place all the same:
         where most features elsewhere contradict it, the pose is not believed.
         """
-        if len(ids) < MIN_AGREEING:
+        if len(ids) < MIN_MATCHES:
             return None
         rays = self._camera.rays(pixels)
         basis = tangent_basis_of(rays, self._noise * self._camera.resolution(rays))
@@ -152,7 +153,7 @@ class Localizer:
         start = starts[0] if near.ndim == 1 else nearest_view(anchors, seen, starts)
         fit = fit_pose(anchors, seen, start)
         agree = int(fit.inliers.sum())
-        if agree < max(MIN_AGREEING, MIN_SHARE * len(ids)):
+        if agree < max(MIN_MATCHES, MIN_SHARE * len(ids)):
             return None
         elsewhere = ~self._largest_object(ids, fit.inliers)
         witnesses, others = int(fit.inliers[elsewhere].sum()), int(elsewhere.sum())

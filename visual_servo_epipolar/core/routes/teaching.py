@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.routes.chain import (
     LearntView,
 )
 from visual_servo_epipolar.core.routes.path import smooth_path
-from visual_servo_epipolar.core.routes.route import in_memory, Route, RouteView
+from visual_servo_epipolar.core.routes.route import in_memory, MOST_IMAGES, Route, RouteView
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.structure import (
     learn_structure,
@@ -49,6 +49,7 @@ from visual_servo_epipolar.core.stamps import (
 )
 from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.matching import desired_view
+from visual_servo_epipolar.core.tracking.photographs import FEW
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.twoview.estimator import Attitude
@@ -57,9 +58,6 @@ MOST_WAITING = 60  # images that are kept until odometry comes: seconds of them
 MOST_BACKWARD = 0.05  # that a base may roll back where it stops [m]
 LEAST_STEP, LEAST_TURN = 0.01, 0.005  # between two images that are kept [m, rad]
 TIGHTEST = 0.2  # radius of a curve [m]
-FEWEST = 20  # features of a view that is learnt from
-ENOUGH = 4  # images that show a key view, for which the next one waits
-MOST_FRAMES = 200  # in memory, to look back through
 MOST_VIEWS = 12  # from which a structure is learnt
 
 
@@ -76,7 +74,7 @@ class _Pending:
     def track(self, frame: DrivenFrame) -> int:
         """Look for its features in a frame; return how many there are."""
         features = self.tracker.track(frame.image)
-        if len(features) >= FEWEST:
+        if len(features) >= FEW:
             bare = frame._replace(image=frame.image[:0])
             self.seen[frame.number] = bare, features.ids, features.current
         return len(features)
@@ -210,7 +208,7 @@ class Teacher:
     def _keep(self, frame: DrivenFrame) -> None:
         """Keep a frame, and begin a key view there if it is time."""
         self._latest = frame = frame._replace(image=frame.image.copy())
-        self._frames = [*self._frames[1 - MOST_FRAMES :], frame]
+        self._frames = [*self._frames[1 - MOST_IMAGES :], frame]
         self._driven.append(frame._replace(image=frame.image[:0]))
         if self._pending is None:
             if not frame.turns:
@@ -222,7 +220,8 @@ class Teacher:
         turn = abs(float(relative_pose(since.pose, frame.pose)[2]))
         too_far = frame.way - since.way > settings.max_spacing or turn > settings.max_turn
         is_due = too_far or count < settings.min_shared * self._most
-        if not is_due or len(self._pending.seen) <= ENOUGH and count >= FEWEST:
+        # It waits for the images from which this one is learnt.
+        if not is_due or len(self._pending.seen) <= 2 * LEAST_VIEWS and count >= FEW:
             return
         if frame.turns and frame.way - since.way < settings.max_turn * TIGHTEST:
             self._end_key_view()  # what a turn on the spot shows has no depth
@@ -251,7 +250,7 @@ class Teacher:
         if self._views:
             least = self._views[-1].view.way - self._settings.overlap
         for before in reversed(self._frames):
-            if before.way < least or pending.track(before) < FEWEST:
+            if before.way < least or pending.track(before) < FEW:
                 break
         tracker.redetect()
         self._most = pending.track(frame)
