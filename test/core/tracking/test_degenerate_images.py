@@ -14,7 +14,10 @@ from visual_servo_epipolar.core.tracking.alignment import Anchor
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.reacquisition import PredictedFeatures, reacquire
-from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
+from visual_servo_epipolar.core.tracking.robust_geometry import (
+    agree_on_one_geometry,
+    epipolar_geometry,
+)
 from visual_servo_epipolar.core.tracking.sampling import float_image, patch_radius
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -109,6 +112,7 @@ def test_any_matches_have_a_geometry_or_none(rows: list, repeated: bool) -> None
     geometry, inliers = epipolar_geometry(table[:, :2], table[:, 2:])
     assert inliers.shape == (len(table),)
     assert geometry is None or np.isfinite(geometry).all()
+    assert isinstance(agree_on_one_geometry(table[:, :2], table[:, 2:]), bool)
 
 
 @settings(max_examples=60, deadline=None)

@@ -31,21 +31,19 @@ TEN = """
 """
 
 
-def test_ten_matches_that_opencv_cannot_cope_with_have_no_geometry() -> None:
-    matches = np.array([row.split() for row in TEN.split(';')], dtype=np.float64)
-    geometry, inliers = epipolar_geometry(matches[:, :2], matches[:, 2:])
-    assert inliers.shape == (10,)
-    assert geometry is not None or not inliers.any()  # other versions may find one
-
-
-# OpenCV 5 raised for these, in the first random draws of which it did.
-@pytest.mark.parametrize('seed', [6589, 8225, 9585, 12109])
-def test_few_matches_close_to_the_goal_never_raise(seed: int) -> None:
+# For these OpenCV 5 raised as well, in the first random draws of which it did.
+@pytest.mark.parametrize('seed', [None, 6589, 8225, 9585, 12109])
+def test_few_matches_close_to_the_goal_never_raise(seed: int | None) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(8, 14))
     current = rng.uniform(0.0, 320.0, (count, 2))
     desired = current + rng.normal(0.0, 1.0, (count, 2))
-    assert epipolar_geometry(current, desired)[1].shape == (count,)
+    if seed is None:
+        matches = np.array([row.split() for row in TEN.split(';')], dtype=np.float64)
+        current, desired = matches[:, :2], matches[:, 2:]
+    geometry, inliers = epipolar_geometry(current, desired)
+    assert inliers.shape == (len(current),)
+    assert geometry is not None or not inliers.any()  # other versions may find one
 
 
 @pytest.mark.parametrize('bad', [np.nan, np.inf, -np.inf])
@@ -103,10 +101,14 @@ def matches(seed: int, count: int, wrong: int, tilt: float = 0.0) -> tuple[np.nd
     return tuple(view / np.linalg.norm(view, axis=1, keepdims=True) for view in (current, desired))
 
 
-@pytest.mark.parametrize(('wrong', 'tilt'), [(0, 0.0), (30, 0.0), (120, 0.0), (40, 0.3)])
-def test_right_matches_are_told_from_wrong_ones(wrong: int, tilt: float) -> None:
+@pytest.mark.parametrize(
+    ('count', 'wrong', 'tilt'),
+    [(8, 0, 0.0), (200, 0, 0.0), (200, 30, 0.0), (200, 120, 0.0), (200, 40, 0.3)],
+)
+def test_right_matches_are_told_from_wrong_ones(count: int, wrong: int, tilt: float) -> None:
     for seed in range(3):
-        geometry, inliers = epipolar_geometry(*matches(seed, 200, wrong, tilt), PIXEL)
+        pixel = PIXEL if count > 8 else 4.0 * PIXEL
+        geometry, inliers = epipolar_geometry(*matches(seed, count, wrong, tilt), pixel)
         assert geometry is not None
         assert inliers[wrong:].mean() > 0.9
         assert inliers[:wrong].mean() < 0.1 if wrong else True
@@ -149,12 +151,6 @@ def test_chance_is_told_from_a_place_that_is_seen_again() -> None:
         frames = [np.column_stack([rays, turn]) for rays in (current, desired)]
         frames[0][:, 3] += rng.uniform(-3.0, 3.0, 60) * (wrong == 60)
         assert low <= log_false_alarms(geometry, *frames, inliers) <= high
-
-
-def test_eight_matches_are_enough() -> None:
-    geometry, inliers = epipolar_geometry(*matches(4, 8, 0), 4.0 * PIXEL)
-    assert geometry is not None
-    assert inliers.all()
 
 
 SMALL = CameraSettings(
@@ -215,30 +211,24 @@ def test_a_blank_wall_is_no_photograph_however_noisy(grey: int, deviation: float
         desired_view(lit(wall, 1.0, deviation))
 
 
-@pytest.mark.parametrize('quick', [False, True])
-def test_matches_of_a_poor_photograph_are_where_the_room_says(quick: bool) -> None:
-    view = desired_view(photograph(POOR))
-    matches = match(view, world(POOR).capture(START, 0), quick=quick)
+@pytest.mark.parametrize(('settings', 'quick'), [(SMALL, False), (POOR, False), (POOR, True)])
+def test_matches_are_where_the_room_says(settings: CameraSettings, quick: bool) -> None:
+    view = desired_view(photograph(settings))
+    matches = match(view, world(settings).capture(START, 0), quick=quick)
     assert len(matches.indices) >= 12
-    points = world(POOR).renderer.trace(view.keypoints.pixels[matches.indices], DESIRED_POSE)
-    truth, _ = world(POOR).renderer.project(points, START)
+    points = world(settings).renderer.trace(view.keypoints.pixels[matches.indices], DESIRED_POSE)
+    truth, _ = world(settings).renderer.project(points, START)
     assert np.median(np.hypot(*(truth - matches.pixels).T)) < 1.0
 
 
 @pytest.mark.parametrize('other', [replace(SMALL, scene_seed=2), POOR])
-def test_a_photograph_of_another_room_is_not_seen(other: CameraSettings) -> None:
+def test_a_photograph_of_another_room_is_not_seen_nor_in_noise(other: CameraSettings) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (256, 320)).astype(np.uint8)
     for taken, seen in ((SMALL, other), (other, SMALL)):
         view = desired_view(photograph(taken))
-        with pytest.raises(TrackingError, match='the photograph is not seen from here'):
-            match(view, world(seen).capture(START, 0))
-
-
-def test_noise_shows_no_photograph() -> None:
-    view = desired_view(photograph(POOR))
-    for seed in range(3):
-        noise = np.random.default_rng(seed).integers(0, 256, (256, 320)).astype(np.uint8)
-        with pytest.raises(TrackingError, match='the photograph is not seen from here'):
-            match(view, noise)
+        for image in (world(seen).capture(START, 0), noise):
+            with pytest.raises(TrackingError, match='the photograph is not seen from here'):
+                match(view, image)
 
 
 def test_weak_features_are_tracked_only_where_strong_ones_are_too_few() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from onnx_files import cells
 import pytest
 
-from visual_servo_epipolar.core.arrays import Image, IntArray
+from visual_servo_epipolar.core.arrays import IntArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.matchers import base
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher, mutual_nearest, RATIO
@@ -28,51 +28,11 @@ ROOM = CameraSettings(
     width=320, height=256, focal_length=192.3, principal_u=158.4, principal_v=127.6
 )
 START = Pose.from_start(0.6, -3.0, 8.0)
-WHOLE = {'limit': 1000, 'quick': False}
 
 
 @cache
 def world() -> CameraSimulator:
     return CameraSimulator(ROOM)
-
-
-def noise(seed: int, shape: tuple[int, int] = (256, 320)) -> Image:
-    return np.random.default_rng(seed).integers(0, 256, shape).astype(np.uint8)
-
-
-# Those that are made of a file are tried in test_onnx.py.
-READY = [name for name in MATCHERS if not isinstance(MATCHERS[name], Loadable)]
-
-
-@pytest.mark.parametrize('name', READY)
-def test_it_fulfils_the_protocol_and_says_the_same_twice(name: str) -> None:
-    matcher, image = MATCHERS[name], world().capture(START, 0)
-    assert isinstance(matcher, Matcher)
-    desired = matcher.describe(world().photograph(), limit=1000, border=12.0)
-    first, second = (matcher.detect(image, desired.tuning, **WHOLE) for _ in '12')
-    pairs = matcher.pairs(desired, first)
-    assert pairs.shape[1] == 2
-    assert np.array_equal(pairs, matcher.pairs(desired, second))
-    assert np.array_equal(first.pixels, second.pixels)
-
-
-@pytest.mark.parametrize('name', READY)
-def test_its_matches_are_where_the_room_says(name: str) -> None:
-    view = desired_view(world().photograph(), MATCHERS[name])
-    matches = match(view, world().capture(START, 0))
-    points = world().renderer.trace(view.keypoints.pixels[matches.indices], DESIRED_POSE)
-    truth, _ = world().renderer.project(points, START)
-    assert np.median(np.hypot(*(truth - matches.pixels).T)) < 1.0
-
-
-@pytest.mark.parametrize('name', READY)
-@pytest.mark.parametrize('image', [np.full((256, 320), 128, np.uint8), noise(1), noise(2, (3, 9))])
-def test_it_never_raises_for_what_an_image_shows(name: str, image: Image) -> None:
-    matcher = MATCHERS[name]
-    desired = matcher.describe(world().photograph(), limit=1000, border=12.0)
-    pairs = matcher.pairs(desired, matcher.detect(image, desired.tuning, **WHOLE))
-    assert pairs.shape[1] == 2
-    matcher.describe(image, limit=1000, border=12.0)
 
 
 class Upright:
@@ -164,14 +124,19 @@ LOGITS = np.concatenate([30.0 * PIXELS, np.zeros((1, 8, 8))])
 PATCHES = PIXELS - PIXELS.mean(axis=(1, 2), keepdims=True)  # as descriptors: with zero mean
 KERNELS = {'descriptors': PATCHES, 'logits': LOGITS}
 EXPORT = Path(__file__).parents[4] / 'docs' / 'examples' / 'export_xfeat.py'
-WHOLE_ONNX = {'limit': 4000, 'quick': False}
+WHOLE = {'limit': 4000, 'quick': False}
 
 
-@pytest.fixture
-def bright(tmp_path: Path) -> Matcher:
+@pytest.fixture(scope='module')
+def bright(tmp_path_factory: pytest.TempPathFactory) -> Matcher:
     """A network that takes the brightest pixel of each cell, and its cell as a descriptor."""
-    path = cells(tmp_path / 'bright.onnx', KERNELS)
+    path = cells(tmp_path_factory.mktemp('bright') / 'bright.onnx', KERNELS)
     return matcher_of('onnx', str(path))
+
+
+@pytest.fixture(params=MATCHERS)
+def matcher(request: pytest.FixtureRequest, bright: Matcher) -> Matcher:
+    return bright if isinstance(MATCHERS[request.param], Loadable) else MATCHERS[request.param]
 
 
 def dots(seed: int) -> np.ndarray:
@@ -188,7 +153,7 @@ def test_keypoints_stand_on_the_pixels_that_score_and_follow_them(bright: Matche
     desired = bright.describe(image, limit=4000, border=0.0)
     u, v = desired.pixels[: (image == 255).sum()].astype(int).T
     assert (image[v, u] == 255).all()
-    current = bright.detect(moved, None, **WHOLE_ONNX)
+    current = bright.detect(moved, None, **WHOLE)
     pairs = bright.pairs(desired, current)
     shift = current.pixels[pairs[:, 1]] - desired.pixels[pairs[:, 0]]
     assert len(pairs) > 100
@@ -202,14 +167,24 @@ def test_beside_a_photograph_of_an_odd_size_nothing_is_found(bright: Matcher) ->
     assert (keypoints.pixels.max(axis=0) <= [100.0, 76.0]).all()
 
 
+def test_it_fulfils_the_protocol_and_says_the_same_twice(matcher: Matcher) -> None:
+    assert isinstance(matcher, Matcher)
+    desired = matcher.describe(world().photograph(), limit=1000, border=12.0)
+    image = world().capture(START, 0)
+    first, second = (matcher.detect(image, desired.tuning, **WHOLE) for _ in '12')
+    assert np.array_equal(first.pixels, second.pixels)
+    assert np.array_equal(matcher.pairs(desired, first), matcher.pairs(desired, second))
+
+
+@pytest.mark.parametrize('quick', [False, True])
 @pytest.mark.parametrize('shape', [(1, 1), (3, 300), (256, 320)])
-def test_it_never_raises_for_what_an_image_shows_in_onnx(bright, shape) -> None:
-    desired = bright.describe(dots(3), limit=100, border=12.0)
-    for image in (np.zeros(shape, np.uint8), np.full(shape, 128, np.uint8)):
-        bright.describe(image, limit=100, border=12.0)
-        for quick in (False, True):
-            current = bright.detect(image, None, limit=100, quick=quick)
-            assert bright.pairs(desired, current).shape[1] == 2
+def test_it_never_raises_for_what_an_image_shows(matcher: Matcher, shape, quick) -> None:
+    desired = matcher.describe(world().photograph(), limit=1000, border=12.0)
+    noise = np.random.default_rng(1).integers(0, 256, shape).astype(np.uint8)
+    for image in (np.zeros(shape, np.uint8), np.full(shape, 128, np.uint8), noise):
+        matcher.describe(image, limit=100, border=12.0)
+        current = matcher.detect(image, desired.tuning, limit=100, quick=quick)
+        assert matcher.pairs(desired, current).shape[1] == 2
 
 
 def test_what_is_no_network_is_refused_with_what_to_do(tmp_path: Path) -> None:
