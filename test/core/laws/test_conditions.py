@@ -1,10 +1,22 @@
 """Conditions at their boundaries: noise is no measurement, and what cannot be told is not so."""
 
 from dataclasses import replace
+from functools import partial
 import math
 
 import pytest
-from servo_states import asked, BEARINGS, behind, DRIVING, goal, in_phase, ranged, SETTINGS, sight
+from servo_states import (
+    asked,
+    BEARINGS,
+    behind,
+    DRIVING,
+    goal,
+    in_phase,
+    ranged,
+    SETTINGS,
+    sight,
+    START,
+)
 
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -17,8 +29,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     matched_bound,
     PATIENCE_S,
     release_bound,
-    Trial,
-    trial_of,
 )
 from visual_servo_epipolar.core.laws.conditions import (
     excursion_limit,
@@ -45,87 +55,86 @@ HALF_TURN = math.pi
     [
         (engage_bound, 1.0, SETTINGS.latch_engage),
         (release_bound, 4.0, SETTINGS.latch_release),
-        (align_bound, 1.0, SETTINGS.align_tolerance),
+        (partial(asked, align_bound, START), 1.0, SETTINGS.align_tolerance),
+        (partial(asked, matched_bound, START), 2.0, 1.5e-3),
     ],
 )
-def test_a_bearing_within_its_noise_counts_as_zero(bound, deviations, least) -> None:
-    assert bound(sight(deviation=0.1), SETTINGS) == pytest.approx(deviations * 0.1)
-    for deviation in (0.0, math.nan):
-        assert bound(sight(deviation=deviation), SETTINGS) == least
-
-
-def test_a_difference_within_twice_its_noise_counts_as_zero() -> None:
-    noisy = matched_bound(goal(sight(difference_deviation=0.1)), SETTINGS)
-    assert noisy == pytest.approx(0.2)
-    sure = goal(sight(difference_deviation=0.0))
-    assert matched_bound(sure, SETTINGS) == SETTINGS.arrival_difference
+def test_what_is_within_its_noise_counts_as_zero(bound, deviations, least) -> None:
+    settings = replace(SETTINGS, arrival_difference=1.5e-3)
+    noisy = sight(deviation=0.1, difference_deviation=0.1)
+    assert bound(noisy, settings) == pytest.approx(deviations * 0.1)
+    for unknown in (0.0, math.nan):
+        assert bound(sight(deviation=unknown, difference_deviation=0.0), settings) == least
 
 
 def test_two_views_match_as_closely_as_the_base_moves_once_their_slope_is_known() -> None:
     """A base whose least hop leads from one side to the other would go back and forth."""
     seen, settings = sight(difference_deviation=0.0), replace(SETTINGS, dead_band_linear=0.08)
     for slope, bound in ((0.13, 0.5 * 0.08 * USUAL_STEP_S * 0.13), (math.nan, 0.0)):
-        estimate = goal(seen, in_phase(Phase.MATCHING_FEATURES, slope=Slope(slope, 1.0)))
-        assert matched_bound(estimate, settings) == max(settings.arrival_difference, bound)
+        state = in_phase(Phase.MATCHING_FEATURES, slope=Slope(slope, 1.0))
+        most = max(settings.arrival_difference, bound)
+        assert asked(matched_bound, state, seen, settings) == most
 
 
 def test_two_views_match_no_more_coarsely_than_asked_for_nor_by_a_slope_that_is_a_guess() -> None:
     settings = replace(SETTINGS, dead_band_linear=0.08, arrival_position=0.002)
     seen = sight(difference_deviation=1e-4)
-    estimate = goal(seen, in_phase(Phase.MATCHING_FEATURES, slope=Slope(0.13, 1.0)))
-    assert matched_bound(estimate, settings) <= 0.002 * 0.13
-    guess = goal(seen, in_phase(Phase.MATCHING_FEATURES, slope=Slope(2.0, 1e-8)))
-    assert matched_bound(guess, replace(settings, arrival_position=0.0)) == 2e-4
+    known, guess = (
+        in_phase(Phase.MATCHING_FEATURES, slope=slope)
+        for slope in (Slope(0.13, 1.0), Slope(2.0, 1e-8))
+    )
+    assert asked(matched_bound, known, seen, settings) <= 0.002 * 0.13
+    assert asked(matched_bound, guess, seen, replace(settings, arrival_position=0.0)) == 2e-4
 
 
 def test_a_memory_of_views_matches_as_closely_as_it_knows() -> None:
     """What is within a part of the noise is let pass, later what noise explains."""
     exact = sight(difference_slope=0.06, difference_deviation=0.0, offset=(0.0, 0.002))
-    assert matched_bound(exact, SETTINGS) == 0.0
+    assert asked(matched_bound, START, exact, SETTINGS) == 0.0
     vague = replace(exact, difference_deviation=1e-4)
-    assert matched_bound(vague, SETTINGS) == pytest.approx(0.3e-4)
-    at_last, vaguer = (
-        Trial(time_in_tolerance=PATIENCE_S + 0.1),
-        replace(exact, difference_deviation=0.1),
-    )
-    assert matched_bound(vaguer, SETTINGS, at_last) == pytest.approx(0.2)
+    assert asked(matched_bound, START, vague, SETTINGS) == pytest.approx(0.3e-4)
+    at_last = START.changed(time_in_tolerance=PATIENCE_S + 0.1)
+    vaguer = replace(exact, difference_deviation=0.1)
+    assert asked(matched_bound, at_last, vaguer, SETTINGS) == pytest.approx(0.2)
 
 
 def test_a_memory_of_views_faces_the_goal_as_closely_as_it_knows() -> None:
-    by_two_views = facing_bound(sight(), SETTINGS)
-    assert by_two_views == SETTINGS.arrival_heading
     exact = sight(offset=(0.0, 0.0), heading_deviation=0.0)
-    assert facing_bound(exact, SETTINGS) == 0.0
-    assert facing_bound(replace(exact, heading_deviation=5e-4), SETTINGS) == pytest.approx(1.5e-4)
-    assert facing_bound(replace(exact, heading_deviation=1.0), SETTINGS) == by_two_views
     banded = replace(SETTINGS, dead_band_angular=0.1)
-    assert facing_bound(exact, banded) > by_two_views  # what cannot be turned
+    for seen, bound in (
+        (sight(), SETTINGS.arrival_heading),
+        (exact, 0.0),
+        (replace(exact, heading_deviation=5e-4), 1.5e-4),
+        (replace(exact, heading_deviation=1.0), SETTINGS.arrival_heading),
+    ):
+        assert asked(facing_bound, START, seen, SETTINGS) == pytest.approx(bound)
+    # What cannot be turned counts as zero.
+    assert asked(facing_bound, START, exact, banded) > SETTINGS.arrival_heading
 
 
 @pytest.mark.parametrize(('mode', 'frames'), [('pulse', 0.5), ('raise', 2.0)])
-def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
+def test_no_base_is_asked_for_less_than_it_can_move(mode, frames) -> None:
     exact = sight(difference_slope=0.06, difference_deviation=0.0, offset=(0.0, 0.002))
     banded = replace(SETTINGS, dead_band_linear=0.05, dead_band_mode=mode)
-    assert matched_bound(exact, banded) == pytest.approx(frames * 0.1 * 0.05 * 0.06)
     slow = in_phase(Phase.MATCHING_FEATURES, period=0.2)
-    slowly = trial_of(goal(exact, slow), slow)
-    assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
+    for state, period in ((START, 0.1), (slow, 0.2)):
+        bound = pytest.approx(frames * period * 0.05 * 0.06)
+        assert asked(matched_bound, state, exact, banded) == bound
     vague = replace(exact, difference_deviation=1e-3)  # a hop is no finer than a look
-    assert matched_bound(vague, banded) == pytest.approx(1e-3)
+    assert asked(matched_bound, START, vague, banded) == pytest.approx(1e-3)
     free = replace(banded, dead_band_linear=0.0)
-    late = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
+    late = slow.changed(time_in_tolerance=PATIENCE_S + 0.1)
     for name in ('time_in_tolerance', 'time_at_goal'):
-        waits = [matched_bound(vague, free, late._replace(**{name: s})) for s in (1, 3, 60)]
+        waiting = (late.changed(**{name: seconds}) for seconds in (1, 3, 60))
+        waits = [asked(matched_bound, state, vague, free) for state in waiting]
         assert waits == pytest.approx([2e-3, 3e-3, 4e-3])  # for long it is noise, up to that
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
-    impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
-    assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
-    weary = slowly._replace(time_in_tolerance=60.0)
-    assert facing_bound(sure, turning, weary) == pytest.approx(2.0 * frames * 0.2 * 0.05)
     # Pulses that are stretched to lead onto the heading end finer than equal ones.
     finer = 0.15 if mode == 'pulse' else frames
-    assert facing_bound(sure, turning, slowly) == pytest.approx(finer * 0.2 * 0.05)
+    weary = slow.changed(time_in_tolerance=60.0)
+    for state, hops in ((slow, finer), (late, frames), (weary, 2.0 * frames)):
+        assert asked(facing_bound, state, sure, turning) == pytest.approx(hops * 0.2 * 0.05)
 
 
 def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
@@ -273,7 +282,6 @@ def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:
 
 def test_step_1_ends_within_half_of_the_least_turn_and_what_that_misses_by() -> None:
     banded = replace(SETTINGS, dead_band_angular=0.2, dead_band_mode='pulse')
-    sure = goal(sight(), in_phase(Phase.ZEROING_EPIPOLES))
-    least = 0.2 * USUAL_STEP_S
-    assert align_bound(sure, SETTINGS) < 0.5 * least
-    assert align_bound(sure, banded) == pytest.approx((0.5 + 0.15) * least)
+    state, least = in_phase(Phase.ZEROING_EPIPOLES), 0.2 * USUAL_STEP_S
+    assert asked(align_bound, state, sight(), SETTINGS) < 0.5 * least
+    assert asked(align_bound, state, sight(), banded) == pytest.approx((0.5 + 0.15) * least)

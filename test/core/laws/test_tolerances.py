@@ -6,7 +6,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from servo_states import asked, in_phase, seeing, SETTINGS, sight
+from servo_states import asked, in_phase, seeing, SETTINGS, sight, START
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     faces_goal,
     FACING,
     facing_bound,
-    FIRST,
     has_parallax,
     is_at_goal,
     is_near_enough,
@@ -101,14 +100,14 @@ def test_the_bound_of_the_heading_is_within_the_tolerance_and_grows_with_it(
     tolerance: float, factor: float, deviation: float, remembered: bool, lingers: bool
 ) -> None:
     seen = near(heading_deviation=deviation) if remembered else by_two_views(0.0)
-    trial = FIRST._replace(time_in_tolerance=math.inf if lingers else 0.0)
+    state = START.changed(time_in_tolerance=math.inf if lingers else 0.0)
     told = replace(SETTINGS, arrival_heading=tolerance)
-    bound = facing_bound(seen, told, trial)
+    bound = asked(facing_bound, state, seen, told)
     assert bound <= tolerance
     if remembered and bound > FACING:
         assert bound + 2.0 * deviation <= tolerance
     coarser = replace(told, arrival_heading=min(factor * tolerance, 0.1))
-    assert bound <= facing_bound(seen, coarser, trial)
+    assert bound <= asked(facing_bound, state, seen, coarser)
 
 
 def test_a_tolerance_of_the_heading_has_its_effect_at_once() -> None:

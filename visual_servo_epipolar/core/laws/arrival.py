@@ -12,13 +12,8 @@ shown while driving turns into metres along the axis: what is aside only paralla
 """
 
 import math
-from typing import NamedTuple
 
-from visual_servo_epipolar.core.estimate.goal_estimate import (
-    GoalEstimate,
-    usual_step,
-    USUAL_STEP_S,
-)
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.memory import Memory
 
@@ -28,75 +23,60 @@ NOISE_DEVIATIONS, SURE_DEVIATIONS = 2.0, 4.0
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of arrivals from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
-MOST_HYSTERESIS = 4.0
 PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 WEARY_S = 2.0  # near its aim, after which bounds grow with time: no robot stands for ever
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
 
 
-class Trial(NamedTuple):
-    """Time within the usual bounds, from command to command, its jitter, and at the goal [s]."""
-
-    time_in_tolerance: float = 0.0
-    frame_s: float = USUAL_STEP_S
-    jitter_s: float = 0.0
-    time_at_goal: float = 0.0
-
-
-FIRST = Trial()
-
-
-def trial_of(goal: GoalEstimate, memory: Memory, *, spent: bool = False) -> Trial:
-    """Return how long the robot has tried by now; beyond its patience if that is ``spent``."""
-    tried = memory.settling.time_in_tolerance
-    if spent:
-        tried = max(tried, math.nextafter(PATIENCE_S, math.inf))
-    return Trial(tried, usual_step(goal.period), goal.jitter, memory.settling.time_at_goal)
-
-
 def engage_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the largest bearing of e_du [rad] that counts as zero, its noise at least."""
-    return max(settings.latch_engage, _deviation(goal))
+    return max(settings.latch_engage, deviation(goal))
 
 
 def release_bound(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
-    return max(settings.latch_release, SURE_DEVIATIONS * _deviation(goal))
+    return max(settings.latch_release, SURE_DEVIATIONS * deviation(goal))
 
 
 def hysteresis(memory: Memory, settings: DriveSettings) -> float:
     """
     Return the factor by which step 1 is held on to: one for both steps.
 
-    It doubles each time step 1 was given up in this attempt, for a retreat or a new beginning:
-    what spoke against it may be noise, or a wrongly configured geometry.
+    It doubles the first two times that step 1 is given up in an attempt, for a retreat or a new
+    beginning: what spoke against it may be noise, or a wrongly configured geometry.
     """
     if not settings.options.retreat:
         return 1.0
-    return min(2.0**memory.run.restarts, MOST_HYSTERESIS)
+    return 2.0 ** min(memory.run.restarts, 2)
 
 
-def align_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
+def align_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
     """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
-    least = half_hop(settings.dead_band_angular, settings, trial)
+    least = half_hop(settings.dead_band_angular, goal, memory, settings)
     # Hops are no finer than the steps of the base's speeds.
-    return max(settings.align_tolerance, _deviation(goal), (1.0 + 2.0 * PULSE_MISS) * least)
+    return max(settings.align_tolerance, deviation(goal), (1.0 + 2.0 * PULSE_MISS) * least)
 
 
-def facing_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
-    """Return the largest heading error [rad] that counts as zero, half of the least turn."""
-    tolerance, deviation = settings.arrival_heading, 0.0
+def facing_bound(
+    goal: GoalEstimate, memory: Memory, settings: DriveSettings, *, spent: bool = False
+) -> float:
+    """
+    Return the largest heading error [rad] that counts as zero, half of the least turn.
+
+    It is the usual one, no finer, once the patience of the robot is ``spent``.
+    """
+    tolerance, noise, patient = settings.arrival_heading, 0.0, _is_patient(memory, spent)
     fine = min(tolerance, FACING)
     if goal.offset is not None:
-        deviation = goal.heading_deviation
-        if _is_patient(trial):
-            fine = min(NEGLIGIBLE * deviation, fine)
-    bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
-    least = half_hop(settings.dead_band_angular, settings, trial)
-    if ends_by_pulses(goal, settings) and _is_patient(trial):
+        noise = goal.heading_deviation
+        if patient:
+            fine = min(NEGLIGIBLE * noise, fine)
+    bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * noise)
+    least = half_hop(settings.dead_band_angular, goal, memory, settings)
+    if ends_by_pulses(goal, settings) and patient:
         # Of two pulses, one away and one back, neither lasts for exactly a frame.
-        miss = max(PULSE_MISS * trial.frame_s, 2.0 * trial.jitter_s)
+        miss = max(PULSE_MISS * usual_step(goal.period), 2.0 * goal.jitter)
         least = min(least, miss * settings.dead_band_angular)
     return max(bound, least)
 
@@ -107,47 +87,54 @@ def ends_by_pulses(goal: GoalEstimate, settings: DriveSettings) -> bool:
     return known and pulses and max(settings.dead_band_linear, settings.dead_band_angular) > 0.0
 
 
-def matched_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> float:
+def matched_bound(
+    goal: GoalEstimate, memory: Memory, settings: DriveSettings, *, spent: bool = False
+) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
-    least, deviation = settings.arrival_difference, goal.difference_deviation
-    usual = _growth(trial) * max(least, NOISE_DEVIATIONS * deviation)
-    hop = half_hop(settings.dead_band_linear, settings, trial)
+    least, noise = settings.arrival_difference, goal.difference_deviation
+    usual = _growth(memory) * max(least, NOISE_DEVIATIONS * noise)
+    hop = half_hop(settings.dead_band_linear, goal, memory, settings)
     if goal.offset is None:
         # While its slope is unknown (nan), D tells no hop; none is beyond the owner's tolerance.
-        slope = max(0.0, goal.motion.slope.least(deviation))
+        slope = max(0.0, goal.motion.slope.least(noise))
         return max(usual, slope * min(hop, settings.arrival_position or math.inf))
     hop *= goal.difference_slope
-    fine = (1.0 if hop else NEGLIGIBLE) * deviation
-    return max(fine if _is_patient(trial) else usual, hop)
+    fine = (1.0 if hop else NEGLIGIBLE) * noise
+    return max(fine if _is_patient(memory, spent) else usual, hop)
 
 
-def is_matched(goal: GoalEstimate, settings: DriveSettings, trial: Trial = FIRST) -> bool:
-    """Return whether D counts as zero."""
-    return abs(goal.difference) <= matched_bound(goal, settings, trial)
+def is_matched(
+    goal: GoalEstimate, memory: Memory, settings: DriveSettings, *, spent: bool = False
+) -> bool:
+    """Return whether D counts as zero; within the usual bounds if patience is ``spent``."""
+    return abs(goal.difference) <= matched_bound(goal, memory, settings, spent=spent)
 
 
-def _is_patient(trial: Trial) -> bool:
+def _is_patient(memory: Memory, spent: bool) -> bool:
     """Return whether the robot still tries for what is finer than usual."""
-    return trial.time_in_tolerance <= PATIENCE_S
+    return not spent and memory.settling.time_in_tolerance <= PATIENCE_S
 
 
-def half_hop(threshold: float, settings: DriveSettings, trial: Trial) -> float:
+def half_hop(
+    threshold: float, goal: GoalEstimate, memory: Memory, settings: DriveSettings
+) -> float:
     """Return half of the least motion of a base with this dead band, all of it if raised to it."""
     frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
-    return frames * _growth(trial) * trial.frame_s * threshold
+    return frames * _growth(memory) * usual_step(goal.period) * threshold
 
 
-def _growth(trial: Trial) -> float:
+def _growth(memory: Memory) -> float:
     """
     Return by how much bounds grow while the robot is near its goal, up to twice.
 
     What keeps it from ending is noise of which no deviation tells, or hops longer than commanded.
     """
-    tried = max(trial.time_in_tolerance, trial.time_at_goal)
+    tried = max(memory.settling.time_in_tolerance, memory.settling.time_at_goal)
     return min(max(1.0, tried / WEARY_S), SURE_DEVIATIONS / NOISE_DEVIATIONS)
 
 
-def _deviation(goal: GoalEstimate) -> float:
+def deviation(goal: GoalEstimate) -> float:
+    """Return the deviation of the bearings [rad]; 0 where it is unknown."""
     return 0.0 if math.isnan(goal.deviation) else goal.deviation
 
 
@@ -163,7 +150,7 @@ def has_parallax(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
     if goal.offset is None:
         return False
     x, y = goal.offset
-    matched = is_matched(goal, settings, trial_of(goal, memory, spent=True))
+    matched = is_matched(goal, memory, settings, spent=True)
     if matched and settings.arrival_position == 0.0:  # a tolerance of the owner's is a promise
         y = 0.0  # no attempt comes nearer along the axis
     return not math.hypot(x, y) <= _offset_bound(goal, memory, settings)
@@ -181,16 +168,11 @@ def _looks_elsewhere(goal: GoalEstimate, memory: Memory, settings: DriveSettings
     noise = STANDSTILL_PARALLAX * goal.noise * variation
     usual = math.hypot(settings.arrival_parallax, noise)
     if settings.arrival_position > 0.0:
-        usual = math.hypot(usual, _of_the_rest(goal))
+        left, slope = goal.offset, goal.difference_slope
+        of_the_rest = abs(goal.difference) if left is None else slope * math.hypot(*left)
+        usual = math.hypot(usual, of_the_rest)
     # Beyond that no memory says that it is the goal.
     return not parallax <= (usual if goal.offset is None else SURE_DEVIATIONS * usual)
-
-
-def _of_the_rest(goal: GoalEstimate) -> float:
-    """Return the parallax that the way left to the goal makes, or somewhat more [rad]."""
-    if goal.offset is None:
-        return abs(goal.difference)
-    return goal.difference_slope * math.hypot(*goal.offset)
 
 
 def _offset_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
@@ -243,7 +225,7 @@ def is_near_enough(
 
 def faces_goal(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the heading is the goal's, where asked also once the robot has stopped."""
-    bound = facing_bound(goal, settings, trial_of(goal, memory))
+    bound = facing_bound(goal, memory, settings)
     heading, turn = goal.heading_error, 0.0
     if settings.arrival_heading > FACING:
         turn = stopping(goal.twist.angular, settings.max_angular_acceleration, settings)
@@ -276,7 +258,7 @@ def is_at_goal(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> b
         return False
     if not faces_goal(goal, memory, settings):
         return False
-    if is_matched(goal, settings, trial_of(goal, memory, spent=True)):
+    if is_matched(goal, memory, settings, spent=True):
         return not has_parallax(goal, memory, settings)
     # A robot that has arrived is not sent away by noise.
     return is_near_enough(goal, memory, settings, deviations=1.0)

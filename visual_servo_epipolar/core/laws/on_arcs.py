@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     faces_goal,
     FACING,
     is_near_enough,
-    trial_of,
 )
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.conditions import is_untrusted
@@ -253,7 +252,7 @@ def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther: the heading cannot be turned there."""
     if goal.offset is None:
         return False
-    through = is_through(goal, settings, trial_of(goal, memory))
+    through = is_through(goal, memory, settings)
     return through or is_near_enough(goal, memory, settings)
 
 

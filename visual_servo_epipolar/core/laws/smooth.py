@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.bases.base import turns_in_place
-from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
@@ -22,8 +22,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     has_parallax,
     is_near_enough,
     matched_bound,
-    Trial,
-    trial_of,
 )
 from visual_servo_epipolar.core.laws.braking import (
     BRAKING,
@@ -331,7 +329,7 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
     if memory.settling.settled >= settings.arrival_frames:
         if has_parallax(goal, memory, settings):
             return missed(memory, settings)
-        bound = facing_bound(goal, settings, trial_of(goal, memory, spent=True))
+        bound = facing_bound(goal, memory, settings, spent=True)
         turned = abs(goal.heading_error) > bound
         pulses = ends_by_pulses(goal, settings)
         return Event.TURNED if turned and pulses else Event.MATCHED
@@ -388,17 +386,18 @@ def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """
     if goal.offset is None:
         return False
-    trial = trial_of(goal, memory)
-    rest = 1.0 / _decay(memory, settings, trial)
-    turned = abs(goal.heading_error) > rest * _heading_bound(goal, settings, trial)
+    rest = 1.0 / _decay(goal, memory, settings)
+    # What is not known of the heading counts as zero.
+    known = min(goal.heading_deviation, FACING, settings.arrival_heading)
+    turned = abs(goal.heading_error) > rest * max(facing_bound(goal, memory, settings), known)
     stands = memory.settling.rest is not None and ends_by_pulses(goal, settings)
     if turned and not stands:
         return False
-    through = is_through(goal, settings, trial, rest=rest)
+    through = is_through(goal, memory, settings, rest=rest)
     return through or is_near_enough(goal, memory, settings)
 
 
-def _decay(memory: Memory, settings: DriveSettings, trial: Trial) -> float:
+def _decay(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
     """
     Return the share of what is left now that is left when the last frame has settled.
 
@@ -409,36 +408,30 @@ def _decay(memory: Memory, settings: DriveSettings, trial: Trial) -> float:
     if max(settings.dead_band_linear, settings.dead_band_angular) > 0.0:
         return 1.0
     frames = max(settings.arrival_frames - 1 - memory.settling.settled, 0)
-    return math.exp(-frames * trial.frame_s / TAIL_S)
-
-
-def _heading_bound(goal: GoalEstimate, settings: DriveSettings, trial: Trial) -> float:
-    """Return the largest heading error [rad] that counts as zero: that which is not known."""
-    known = min(goal.heading_deviation, FACING, settings.arrival_heading)
-    return max(facing_bound(goal, settings, trial), known)
+    return math.exp(-frames * usual_step(goal.period) / TAIL_S)
 
 
 def is_through(
     goal: GoalEstimate,
+    memory: Memory,
     settings: DriveSettings,
-    trial: Trial,
     *,
     rest: float = 1.0,
+    spent: bool = False,
 ) -> bool:
     """
     Return whether the motion leads no farther: D is zero, or the way that is left.
 
     Aside of the goal they are not zero at one place, and the motion stands where the way ends.
     """
-    bound = rest * matched_bound(goal, settings, trial)
+    bound = rest * matched_bound(goal, memory, settings, spent=spent)
     left = abs(way_left(goal)) * goal.difference_slope
     return min(abs(goal.difference), left) <= bound
 
 
 def is_close(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther, within the usual bounds."""
-    known = goal.offset is not None
-    return known and is_through(goal, settings, trial_of(goal, memory, spent=True))
+    return goal.offset is not None and is_through(goal, memory, settings, spent=True)
 
 
 def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:

@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     faces_goal,
     facing_bound,
     is_at_goal,
-    trial_of,
 )
 from visual_servo_epipolar.core.laws.braking import settled_turn
 from visual_servo_epipolar.core.laws.conditions import (
@@ -55,7 +54,7 @@ def survey(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event
     if is_sideways(goal, settings):
         return Event.SIDEWAYS
     aligned = abs(goal.bearings.chi) <= engage_bound(goal, settings)
-    if aligned and abs(goal.bearings.alpha) <= align_bound(goal, settings):
+    if aligned and abs(goal.bearings.alpha) <= align_bound(goal, memory, settings):
         return Event.ALIGNED
     return Event.APART
 
@@ -101,7 +100,7 @@ def _orient(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twis
 
 
 def _nearly_oriented(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    bound = facing_bound(goal, settings, trial_of(goal, memory, spent=True))
+    bound = facing_bound(goal, memory, settings, spent=True)
     return abs(goal.heading_error) <= bound
 
 

@@ -6,6 +6,7 @@ epipoles, onto the axis of the photograph, eqs. (16)-(17); step 2 drives straigh
 features match, eqs. (21)-(22).
 """
 
+from functools import partial
 import math
 
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
@@ -28,7 +29,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     stands_aside,
     stands_beside,
     stopping,
-    trial_of,
 )
 from visual_servo_epipolar.core.laws.braking import (
     braked,
@@ -280,7 +280,7 @@ def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bo
         return False
     if _turns_back(memory, settings) and leads_home(goal, settings):
         return True
-    return abs(goal.bearings.alpha) <= align_bound(goal, settings, trial_of(goal, memory))
+    return abs(goal.bearings.alpha) <= align_bound(goal, memory, settings)
 
 
 def _with_gains(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
@@ -321,12 +321,14 @@ def _matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Eve
     repeats = settings.options.new_attempts and attempts_remain
     if repeats and stands_beside(goal, memory, settings):
         return Event.MISSED
-    if memory.settling.settled < _looks(goal, memory, settings) * settings.arrival_frames:
+    doubtful = is_in_doubt(goal, settings) and not stands_aside(goal, memory, settings)
+    looks = DOUBTFUL_LOOKS if doubtful else 1
+    if memory.settling.settled < looks * settings.arrival_frames:
         return Event.NOTHING
     missed = Event.MISSED if repeats else Event.EXHAUSTED
     if has_parallax(goal, memory, settings):
         # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
-        return missed if is_matched(goal, settings, trial_of(goal, memory)) else Event.NOTHING
+        return missed if is_matched(goal, memory, settings) else Event.NOTHING
     if repeats and goal.offset is None and yaw_learnt(goal, memory) > YAW_FOR_NEW_ATTEMPT:
         return Event.MISSED  # aside by as much as two views cannot tell
     if faces_goal(goal, memory, settings):
@@ -334,13 +336,6 @@ def _matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Eve
     if settings.options.final_turn:
         return Event.TURNED
     return missed if settings.arrival_heading > FACING else Event.MATCHED
-
-
-def _looks(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> int:
-    """Return how many times the usual frames decide whether this is the goal."""
-    if not is_in_doubt(goal, settings) or stands_aside(goal, memory, settings):
-        return 1
-    return DOUBTFUL_LOOKS
 
 
 def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
@@ -359,7 +354,7 @@ def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist
         lateral_offset(goal),
         goal.heading_error,
         look_ahead=_look_ahead(abs(linear), goal, settings),
-        least_turn=half_hop(settings.dead_band_angular, settings, trial_of(goal, memory)),
+        least_turn=half_hop(settings.dead_band_angular, goal, memory, settings),
     )
     if not _brakes(goal, settings) or goal.offset is None or not settings.options.final_turn:
         return twist
@@ -428,12 +423,8 @@ def _damped_rate(goal: GoalEstimate, settings: DriveSettings) -> float:
 
 
 def _is_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    matched = is_matched(goal, settings, trial_of(goal, memory))
-    return matched or is_near_enough(goal, memory, settings)
-
-
-def _nearly_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    return is_matched(goal, settings, trial_of(goal, memory, spent=True))
+    nearly = is_near_enough(goal, memory, settings)
+    return nearly or is_matched(goal, memory, settings)
 
 
 MATCHING_FEATURES = PhaseRow(
@@ -443,7 +434,7 @@ MATCHING_FEATURES = PhaseRow(
     classify=_matched,
     command=_match,
     is_settled=_is_matched,
-    is_close=_nearly_matched,
+    is_close=partial(is_matched, spent=True),
     begin=_with_gains,
 )
 

@@ -25,7 +25,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     facing_bound,
     is_in_doubt,
     matched_bound,
-    trial_of,
 )
 from visual_servo_epipolar.core.laws.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.machine import PhaseRow
@@ -207,7 +206,7 @@ def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
     goal = state.settling.rest if measured else state.measurement
     if goal is None:
         return state
-    bound = matched_bound(goal, settings, trial_of(goal, state, spent=True))
+    bound = matched_bound(goal, state, settings, spent=True)
     steers = not turns_in_place(settings.drive)  # its law goes back once
     by_pulses = settings.dead_band_linear > 0.0 and not (measured or steers)
     swing_s = state.motion.sent.swing_s(
@@ -317,7 +316,7 @@ def pulsed_move(
     if not ends_straight:
         return None if turn is None else (Twist(0.0, turn[0]), Twist(0.0, turn[1]))
     left, band = -seen.difference / slope, settings.dead_band_linear
-    bound = matched_bound(seen, settings, trial_of(seen, state)) / slope
+    bound = matched_bound(seen, state, settings) / slope
     moves = _moves(rest.linear, band)
     swings = band > 0.0 and state.settling.swing_s > 0.0
     near = abs(left) <= max(band * seen_after(settings), AT_GOAL_M if swings else 0.0)
@@ -365,7 +364,7 @@ def _pulsed_turn(
         return None
     if abs(wanted) >= band and not (stands or _moves(moving, band)):
         return None
-    bound = facing_bound(seen, settings, trial_of(seen, state))
+    bound = facing_bound(seen, state, settings)
     ramp = _ramp(settings.max_angular_acceleration, settings.max_angular_jerk, state)
     limit = settings.max_speed_ratio * settings.max_angular
     aim = Aim(-seen.heading_error, bound, band, ramp, limit, room=seen.view_margins)
