@@ -20,26 +20,12 @@ from visual_servo_epipolar.core.bases.car import LAG_WAY
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.arrival import (
-    faces_goal,
-    FACING,
-    is_near_enough,
-)
+from visual_servo_epipolar.core.laws import arrival, smooth
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
 from visual_servo_epipolar.core.laws.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.memory import Backing, Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.smooth import (
-    approach,
-    APPROACHING,
-    is_through,
-    missed,
-    ONE_MOTION,
-    retreating,
-    seen_from,
-    Sight,
-)
 from visual_servo_epipolar.core.laws.steering import GAINS, RESERVE
 from visual_servo_epipolar.core.laws.two_steps import FULL
 
@@ -135,9 +121,9 @@ def way_back(place: tuple[float, float, float], kappa: float, bounds: Bounds) ->
     )
     start = GoalOffset(*(np.full(len(ways), value) for value in place))
     behind = moved(start, -ways, bends)
-    missed = misses(behind, place[2], bounds)
+    missing = misses(behind, place[2], bounds)
     cost = 2.0 * ways + 0.1 * np.abs(bends - kappa) * (ways > 0.0) + np.hypot(behind.x, behind.y)
-    cost[missed > 1.0] = np.inf
+    cost[missing > 1.0] = np.inf
     best = int(np.argmin(cost))
     return Backing(float(bends[best]), float(ways[best]) if np.isfinite(cost[best]) else np.inf)
 
@@ -158,12 +144,12 @@ def turned_back(kappa: float, way: float, most: float) -> float:
 
 
 def _approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
-    event = APPROACHING.classify(goal, memory, settings)
+    event = smooth.APPROACHING.classify(goal, memory, settings)
     if event in (Event.MATCHED, Event.TURNED):
         faces = abs(goal.heading_error) <= FACES
-        if settings.arrival_heading > FACING:
-            faces = faces_goal(goal, memory, settings)
-        return Event.MATCHED if faces else missed(memory, settings)
+        if settings.arrival_heading > arrival.FACING:
+            faces = arrival.faces_goal(goal, memory, settings)
+        return Event.MATCHED if faces else smooth.missed(memory, settings)
     sight = _sight(goal, settings)
     if event not in (Event.NOTHING, Event.SIDEWAYS) or sight is None:
         return event
@@ -171,7 +157,7 @@ def _approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
         return Event.NOTHING
     tolerated = MISSED * (1.0 - sight.y / FAR)
     gone = _misses(sight, goal, settings) > tolerated
-    return missed(memory, settings) if gone else Event.NOTHING
+    return smooth.missed(memory, settings) if gone else Event.NOTHING
 
 
 def _approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
@@ -180,7 +166,7 @@ def _approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Tw
 
     That begins at the last image from which the wheels, which lag, can still turn the car to it.
     """
-    twist, sight = approach(goal, memory, settings), _sight(goal, settings)
+    twist, sight = smooth.approach(goal, memory, settings), _sight(goal, settings)
     if sight is None or twist.linear <= 0.0 or not -DECIDED < sight.y < 0.0:
         return twist
     kappa, most = _present_curvature(goal), settings.drive.max_curvature
@@ -197,7 +183,7 @@ def _approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Tw
 def _retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     backing = memory.law.backing
     if goal.offset is None or backing is None:
-        return retreating(goal, memory, settings)
+        return smooth.retreating(goal, memory, settings)
     if is_untrusted(goal, settings):
         return Event.LOST
     return Event.APART if backing.way == 0.0 else Event.NOTHING
@@ -225,14 +211,14 @@ def _with_way_back(goal: GoalEstimate, memory: Memory, settings: DriveSettings) 
     return memory.changed(backing=backing)
 
 
-def _sight(goal: GoalEstimate, settings: DriveSettings) -> Sight | None:
+def _sight(goal: GoalEstimate, settings: DriveSettings) -> smooth.Sight | None:
     """Return where the robot will be when it obeys, by a memory of views; None without one."""
     if goal.offset is None:
         return None
-    return seen_from(goal, settings)
+    return smooth.seen_from(goal, settings)
 
 
-def _misses(sight: Sight, goal: GoalEstimate, settings: DriveSettings) -> float:
+def _misses(sight: smooth.Sight, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return by how much the motion from here misses the goal: 1 is what it may."""
     place = GoalOffset(*(np.array([value]) for value in sight))
     bounds = _bounds(goal, settings, 1.0)
@@ -252,14 +238,14 @@ def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether the motion leads no farther: the heading cannot be turned there."""
     if goal.offset is None:
         return False
-    through = is_through(goal, memory, settings)
-    return through or is_near_enough(goal, memory, settings)
+    through = smooth.is_through(goal, memory, settings)
+    return through or arrival.is_near_enough(goal, memory, settings)
 
 
-RETREATING_FREELY = ONE_MOTION.rows[Phase.RETREATING]
+RETREATING_FREELY = smooth.ONE_MOTION.rows[Phase.RETREATING]
 ON_ARCS = StateMachine(
     (
-        *(row for phase, row in ONE_MOTION.rows.items() if not phase.turns_in_place),
+        *(row for phase, row in smooth.ONE_MOTION.rows.items() if not phase.turns_in_place),
         replace(
             RETREATING_FREELY,
             classify=_retreating,
@@ -267,13 +253,13 @@ ON_ARCS = StateMachine(
             begin=_with_way_back,
             observe=_with_way_back,
         ),
-        replace(APPROACHING, classify=_approaching, command=_approach, is_settled=_ends),
+        replace(smooth.APPROACHING, classify=_approaching, command=_approach, is_settled=_ends),
     ),
-    # Without a baseline it backs off in place of turning; where it faces aside, it has missed.
+    # Without a baseline it backs off in place of turning; where it faces aside, it misses.
     {
         (before, event): Phase.RETREATING if after.turns_in_place else after
-        for (before, event), after in ONE_MOTION.transitions.items()
+        for (before, event), after in smooth.ONE_MOTION.transitions.items()
         if not before.turns_in_place and event is not Event.TURNED
     },
 )
-SMOOTH = replace(FULL, machine=ONE_MOTION, on_arcs=ON_ARCS)
+SMOOTH = replace(FULL, machine=smooth.ONE_MOTION, on_arcs=ON_ARCS)

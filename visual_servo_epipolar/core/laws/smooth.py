@@ -15,14 +15,7 @@ from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usua
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
-from visual_servo_epipolar.core.laws.arrival import (
-    ends_by_pulses,
-    FACING,
-    facing_bound,
-    has_parallax,
-    is_near_enough,
-    matched_bound,
-)
+from visual_servo_epipolar.core.laws import arrival, conditions, steering
 from visual_servo_epipolar.core.laws.braking import (
     BRAKING,
     converging_speed,
@@ -36,13 +29,6 @@ from visual_servo_epipolar.core.laws.braking import (
     TAIL_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.conditions import (
-    is_behind,
-    is_far_enough,
-    is_untrusted,
-    LAST_TURN,
-    with_new_leg,
-)
 from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -54,29 +40,6 @@ from visual_servo_epipolar.core.laws.standing import (
     ORIENTING,
     RETREATING,
     WAITING,
-)
-from visual_servo_epipolar.core.laws.steering import (
-    aim,
-    AT_GOAL,
-    curvature,
-    driving_share,
-    GAINS,
-    goes_around,
-    goes_around_in_view,
-    heading_window,
-    IN_PLACE,
-    KEPT_SHARE,
-    leads_around,
-    LEAST_SHARE,
-    LEAST_WAY,
-    line_share,
-    off_aim,
-    on_nearer_side,
-    polar_pose,
-    PolarPose,
-    RESERVE,
-    sees_all_round,
-    visible_aim,
 )
 from visual_servo_epipolar.core.laws.two_steps import MATCHING_FEATURES, transitions_by
 from visual_servo_epipolar.core.odometry.legs import UNKNOWN_RANGE
@@ -109,24 +72,28 @@ def approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     sight = seen_from(goal, settings)
     if sight is None:
         return STANDSTILL
-    around = goes_around(*sight, goal)
+    around = steering.goes_around(*sight, goal)
     left = max(way_left(goal), _least_left(goal, settings))
-    in_view = not around and goes_around_in_view(polar_pose(*sight), goal, settings)
+    in_view = not around and steering.goes_around_in_view(
+        steering.polar_pose(*sight), goal, settings
+    )
     if around or in_view:
-        left = max(left, LEAST_WAY * math.hypot(sight.x, sight.y))
+        left = max(left, steering.LEAST_WAY * math.hypot(sight.x, sight.y))
     braking = BRAKING * settings.max_acceleration
     speed = min(rate_within(left, deceleration=braking, delay=TAIL_S), _certain(goal, settings))
     if in_view:
-        return _around_in_view(polar_pose(*sight), speed, goal, settings)
+        return _around_in_view(steering.polar_pose(*sight), speed, goal, settings)
     if goal.offset is None and not around:
         speed = min(speed, max(settings.k_t * abs(goal.difference), _least_speed(goal)))
     elif speed > 0.0 and not around:
         aside = abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)
-        speed = min(speed, converging_speed(aside, left, goal, braking, 1.0 + GAINS.k1))
+        speed = min(speed, converging_speed(aside, left, goal, braking, 1.0 + steering.GAINS.k1))
         if settings.max_retreat == 0.0:  # a miss is final
             speed = min(speed, looking_speed(left, goal, settings))
     # What is not known to be aside is no reason to turn.
-    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD, place_deviation(goal) / LAST_TURN)
+    look_ahead = max(
+        STEERING_S * abs(speed), LEAST_LOOK_AHEAD, place_deviation(goal) / conditions.LAST_TURN
+    )
     pose = _aimed_pose(sight, look_ahead, around)
     kappa = _visible_curvature(pose, goal)
     speed = min(speed, _steerable(kappa, settings))
@@ -141,30 +108,32 @@ def approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     return Twist(speed, _within_view(turn, goal, settings))
 
 
-def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> PolarPose:
+def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> steering.PolarPose:
     """Return the pose against the goal, or what is aimed at ahead of it, by ``look_ahead`` [m]."""
-    ahead = max(GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
+    ahead = max(steering.GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
     if not around:
-        return polar_pose(*sight, ahead=ahead)
-    return on_nearer_side(polar_pose(*sight, ahead=line_share(sight.x, sight.y) * ahead))
+        return steering.polar_pose(*sight, ahead=ahead)
+    return steering.on_nearer_side(
+        steering.polar_pose(*sight, ahead=steering.line_share(sight.x, sight.y) * ahead)
+    )
 
 
-def _around(pose: PolarPose, speed: float, turn: float, settings: DriveSettings) -> Twist:
+def _around(pose: steering.PolarPose, speed: float, turn: float, settings: DriveSettings) -> Twist:
     """Return the velocity around the goal: far off its aim the robot turns in place first."""
     if not turns_in_place(settings.drive):
         return Twist(speed, turn)
-    off = off_aim(pose)
-    share = driving_share(pose.delta, off)
+    off = steering.off_aim(pose)
+    share = steering.driving_share(pose.delta, off)
     return Twist(share * speed, share * turn - (1.0 - share) * off / TURN_S)
 
 
 def _around_in_view(
-    pose: PolarPose, speed: float, goal: GoalEstimate, settings: DriveSettings
+    pose: steering.PolarPose, speed: float, goal: GoalEstimate, settings: DriveSettings
 ) -> Twist:
     """Return the velocity around the goal of a wide view: far off its aim it turns in place."""
-    low, high = heading_window(goal, RESERVE)
+    low, high = steering.heading_window(goal, steering.RESERVE)
     # Headings from -180 to 180 deg: a turn to one in the window is never the way around the back.
-    wanted = aim(pose.phi) - pose.phi
+    wanted = steering.aim(pose.phi) - pose.phi
     target = min(max(wanted, low), high)
     left, right = goal.view_margins
     heading = wrap_angle(pose.delta - pose.phi)
@@ -172,18 +141,20 @@ def _around_in_view(
     middle = heading + 0.5 * (left - right)
     off = heading + wrap_angle(middle) - middle - target
     held = None if target == wanted else pose.phi + target
-    kappa = curvature(pose, delta_held=held)
-    share = driving_share(pose.delta, off, in_place=IN_PLACE)
+    kappa = steering.curvature(pose, delta_held=held)
+    share = steering.driving_share(pose.delta, off, in_place=steering.IN_PLACE)
     speed = min(speed, _steerable(kappa, settings))
     turn = share * kappa * speed - (1.0 - share) * off / TURN_S
     return Twist(share * speed, _within_view(turn, goal, settings))
 
 
-def _visible_curvature(pose: PolarPose, goal: GoalEstimate) -> float:
+def _visible_curvature(pose: steering.PolarPose, goal: GoalEstimate) -> float:
     """Return the curvature of the path from ``pose`` [1/m] that keeps features in view."""
     left, right = goal.view_margins
-    held = visible_aim(aim(pose.phi), pose.delta, (left - RESERVE, right - RESERVE))
-    return curvature(pose, delta_held=held)
+    held = steering.visible_aim(
+        steering.aim(pose.phi), pose.delta, (left - steering.RESERVE, right - steering.RESERVE)
+    )
+    return steering.curvature(pose, delta_held=held)
 
 
 def way_left(goal: GoalEstimate) -> float:
@@ -230,12 +201,16 @@ def back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     """
     sight, bearings = seen_from(goal, settings), goal.bearings
     turn, speed = 0.0, settings.retreat_speed
-    pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
+    pose = (
+        None
+        if sight is None
+        else steering.polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
+    )
     behind = sight is not None and abs(math.atan2(sight.x, -sight.y)) <= settings.sideways_bearing
     if (
         pose is not None
         and not behind
-        and goes_around_in_view(pose, goal, settings, least=0.0, aside=BACKING)
+        and steering.goes_around_in_view(pose, goal, settings, least=0.0, aside=BACKING)
     ):
         twist = _around_in_view(pose, speed, goal, settings)
         return Twist(-twist.linear, twist.angular)
@@ -246,12 +221,12 @@ def back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     else:
         wanted = 0.0
         if bearings is not None:
-            pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), 0.0)
+            pose = steering.polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), 0.0)
             beyond = (abs(pose.phi) - settings.retreat_bearing) / TURNING_BEARING
             wanted = math.copysign(MOST_ASIDE * min(max(beyond, 0.0), 1.0), pose.phi)
         left, right = goal.view_margins
         angle = wanted - goal.heading_error
-        angle = min(max(angle, RESERVE - right), left - RESERVE)
+        angle = min(max(angle, steering.RESERVE - right), left - steering.RESERVE)
         turn = angle / TURN_S
         if turns_in_place(settings.drive):
             speed *= max(1.0 - abs(angle), 0.0)
@@ -291,7 +266,9 @@ def _within_view(turn: float, goal: GoalEstimate, settings: DriveSettings) -> fl
     """
     turn = _within_present(turn, goal, settings)
     bounds = [
-        rate_within(margin - RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S)
+        rate_within(
+            margin - steering.RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S
+        )
         for margin in goal.view_margins
         if math.isfinite(margin)
     ]
@@ -308,7 +285,7 @@ def _within_present(turn: float, goal: GoalEstimate, settings: DriveSettings) ->
     left, right = (
         settings.carrier.turn_rate
         + rate_within(
-            margin - RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S
+            margin - steering.RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S
         )
         if math.isfinite(margin)
         else math.inf
@@ -319,7 +296,7 @@ def _within_present(turn: float, goal: GoalEstimate, settings: DriveSettings) ->
 
 def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of one motion: lost, beside, missed, or at its end."""
-    if is_untrusted(goal, settings):
+    if conditions.is_untrusted(goal, settings):
         return Event.LOST
     if goal.offset is None:
         # A single view without the memory is none; near the goal two views know no direction.
@@ -327,20 +304,20 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(goal, settings) else Event.NOTHING
     if memory.settling.settled >= settings.arrival_frames:
-        if has_parallax(goal, memory, settings):
+        if arrival.has_parallax(goal, memory, settings):
             return missed(memory, settings)
-        bound = facing_bound(goal, memory, settings, spent=True)
+        bound = arrival.facing_bound(goal, memory, settings, spent=True)
         turned = abs(goal.heading_error) > bound
-        pulses = ends_by_pulses(goal, settings)
+        pulses = arrival.ends_by_pulses(goal, settings)
         return Event.TURNED if turned and pulses else Event.MATCHED
     x, y = goal.offset
-    pose = polar_pose(x, y, goal.heading_error)
-    all_round = goes_around(x, y, goal.heading_error, goal)
-    if all_round or goes_around_in_view(pose, goal, settings):
+    pose = steering.polar_pose(x, y, goal.heading_error)
+    all_round = steering.goes_around(x, y, goal.heading_error, goal)
+    if all_round or steering.goes_around_in_view(pose, goal, settings):
         return Event.NOTHING
     if not memory.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return missed(memory, settings)
-    beside = y < -AT_GOAL and _lies_beside(goal, settings)
+    beside = y < -steering.AT_GOAL and _lies_beside(goal, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
 
 
@@ -355,7 +332,7 @@ def _lies_beside(
     settings: DriveSettings,
     *,
     beyond: float = HYSTERESIS,
-    least: float = KEPT_SHARE,
+    least: float = steering.KEPT_SHARE,
 ) -> bool:
     """
     Return whether the goal lies beside, ``beyond`` [rad] of where a robot backs off to.
@@ -363,12 +340,17 @@ def _lies_beside(
     It does not where a wide view leads around it with the ``least`` share of the distance left.
     """
     bearings = goal.bearings
-    if bearings is None or not settings.options.retreat or sees_all_round(goal):
+    if bearings is None or not settings.options.retreat or steering.sees_all_round(goal):
         return False
-    pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), bearings.heading_error)
-    if leads_around(pose, goal, settings, least=least):
+    pose = steering.polar_pose(
+        math.cos(bearings.psi), math.sin(bearings.psi), bearings.heading_error
+    )
+    if steering.leads_around(pose, goal, settings, least=least):
         return False
-    return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + beyond
+    return (
+        not conditions.is_behind(bearings)
+        or abs(bearings.chi) > settings.sideways_bearing + beyond
+    )
 
 
 def missed(memory: Memory, settings: DriveSettings) -> Event:
@@ -388,13 +370,15 @@ def _ends(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
         return False
     rest = 1.0 / _decay(goal, memory, settings)
     # What is not known of the heading counts as zero.
-    known = min(goal.heading_deviation, FACING, settings.arrival_heading)
-    turned = abs(goal.heading_error) > rest * max(facing_bound(goal, memory, settings), known)
-    stands = memory.settling.rest is not None and ends_by_pulses(goal, settings)
+    known = min(goal.heading_deviation, arrival.FACING, settings.arrival_heading)
+    turned = abs(goal.heading_error) > rest * max(
+        arrival.facing_bound(goal, memory, settings), known
+    )
+    stands = memory.settling.rest is not None and arrival.ends_by_pulses(goal, settings)
     if turned and not stands:
         return False
     through = is_through(goal, memory, settings, rest=rest)
-    return through or is_near_enough(goal, memory, settings)
+    return through or arrival.is_near_enough(goal, memory, settings)
 
 
 def _decay(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
@@ -424,7 +408,7 @@ def is_through(
 
     Aside of the goal they are not zero at one place, and the motion stands where the way ends.
     """
-    bound = rest * matched_bound(goal, memory, settings, spent=spent)
+    bound = rest * arrival.matched_bound(goal, memory, settings, spent=spent)
     left = abs(way_left(goal)) * goal.difference_slope
     return min(abs(goal.difference), left) <= bound
 
@@ -436,9 +420,9 @@ def is_close(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> boo
 
 def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of backing off: whether the goal lies ahead by now."""
-    if is_untrusted(goal, settings):
+    if conditions.is_untrusted(goal, settings):
         return Event.LOST
-    has_room = has_run_up(goal, memory, settings) and is_far_enough(goal, settings)
+    has_room = has_run_up(goal, memory, settings) and conditions.is_far_enough(goal, settings)
     if goal.bearings is None or not has_room:
         return Event.NOTHING
     return Event.NOTHING if _lies_beside(goal, settings, beyond=0.0, least=1.0) else Event.APART
@@ -454,7 +438,7 @@ def surveyed(row: PhaseRow) -> PhaseRow:
     def classify(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
         event = row.classify(goal, memory, settings)
         if event is Event.SIDEWAYS and not _lies_beside(
-            goal, settings, beyond=BESIDE, least=LEAST_SHARE
+            goal, settings, beyond=BESIDE, least=steering.LEAST_SHARE
         ):
             event = Event.APART
         known = goal.offset is not None or goal.bearings is not None
@@ -472,7 +456,7 @@ APPROACHING = PhaseRow(
     command=approach,
     is_settled=_ends,
     is_close=is_close,
-    begin=lambda goal, memory, _: with_new_leg(goal, memory),
+    begin=lambda goal, memory, _: conditions.with_new_leg(goal, memory),
 )
 ONE_MOTION = StateMachine(
     (

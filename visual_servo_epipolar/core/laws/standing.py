@@ -13,22 +13,8 @@ from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.arrival import (
-    align_bound,
-    engage_bound,
-    faces_goal,
-    facing_bound,
-    is_at_goal,
-)
+from visual_servo_epipolar.core.laws import arrival, conditions
 from visual_servo_epipolar.core.laws.braking import settled_turn
-from visual_servo_epipolar.core.laws.conditions import (
-    begun_step_1,
-    is_far_enough,
-    is_sideways,
-    is_untrusted,
-    leads_home,
-    turned_by_far,
-)
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -45,16 +31,16 @@ def survey(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event
     """Return the event that begins a run, or resumes it after the tracks came back."""
     if goal.bearings is None and not math.isfinite(goal.difference):
         return Event.LOST
-    if is_at_goal(goal, memory, settings):
+    if arrival.is_at_goal(goal, memory, settings):
         return Event.MATCHED
     if goal.bearings is None:
         if goal.parallax <= settings.near_parallax:
             return Event.NO_BASELINE
         return begun_probe(goal, memory, settings) if goal.rivals else Event.LOST
-    if is_sideways(goal, settings):
+    if conditions.is_sideways(goal, settings):
         return Event.SIDEWAYS
-    aligned = abs(goal.bearings.chi) <= engage_bound(goal, settings)
-    if aligned and abs(goal.bearings.alpha) <= align_bound(goal, memory, settings):
+    aligned = abs(goal.bearings.chi) <= arrival.engage_bound(goal, settings)
+    if aligned and abs(goal.bearings.alpha) <= arrival.align_bound(goal, memory, settings):
         return Event.ALIGNED
     return Event.APART
 
@@ -62,7 +48,7 @@ def survey(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event
 def _resume(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of a survey, after enough images in a row that can be trusted."""
     # Where images are false, a single one may look right.
-    turned = turned_by_far(goal.heading_error, goal.trusted_heading)
+    turned = conditions.turned_by_far(goal.heading_error, goal.trusted_heading)
     if memory.settling.settled < (TURNED_FRAMES if turned else RESUMING_FRAMES):
         return Event.NOTHING
     return survey(goal, memory, settings)
@@ -74,7 +60,9 @@ HOLDING = PhaseRow(
     words='stands until its tracks are back and trusted',
     colour='#F0E442',  # faint on white: the robot stands
     classify=_resume,
-    is_settled=lambda goal, _, settings: bool(goal.rivals) or not is_untrusted(goal, settings),
+    is_settled=lambda goal, _, settings: (
+        bool(goal.rivals) or not conditions.is_untrusted(goal, settings)
+    ),
 )
 ARRIVED = PhaseRow(phase=Phase.ARRIVED, words='stands at the goal', colour='#44337A')
 FAILED = PhaseRow(phase=Phase.FAILED, words='stands, the run is over', colour='#D55E00')
@@ -84,12 +72,12 @@ STANDING = (WAITING, HOLDING, ARRIVED, FAILED)
 def _oriented(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     if memory.settling.settled < settings.align_frames:
         return Event.NOTHING
-    if is_at_goal(goal, memory, settings):
+    if arrival.is_at_goal(goal, memory, settings):
         return Event.MATCHED
-    if is_sideways(goal, settings):
+    if conditions.is_sideways(goal, settings):
         return Event.SIDEWAYS
     if goal.bearings is not None:
-        return begun_step_1(goal, settings, Event.APART)
+        return conditions.begun_step_1(goal, settings, Event.APART)
     # At the goal's heading and still no baseline: step 2 removes the residual.
     return Event.ALIGNED
 
@@ -100,7 +88,7 @@ def _orient(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twis
 
 
 def _nearly_oriented(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    bound = facing_bound(goal, memory, settings, spent=True)
+    bound = arrival.facing_bound(goal, memory, settings, spent=True)
     return abs(goal.heading_error) <= bound
 
 
@@ -110,22 +98,22 @@ ORIENTING = PhaseRow(
     colour='#CC79A7',
     classify=_oriented,
     command=_orient,
-    is_settled=faces_goal,
+    is_settled=arrival.faces_goal,
     is_close=_nearly_oriented,
 )
 
 
 def _retreated(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
-    if is_untrusted(goal, settings):
+    if conditions.is_untrusted(goal, settings):
         return Event.LOST
     if not has_run_up(goal, memory, settings):
         return Event.NOTHING
-    if leads_home(goal, settings):
+    if conditions.leads_home(goal, settings):
         return Event.ALIGNED
-    if goal.bearings is None or not is_far_enough(goal, settings):
+    if goal.bearings is None or not conditions.is_far_enough(goal, settings):
         return Event.NOTHING
     within = abs(goal.bearings.chi) <= settings.retreat_bearing
-    return Event.APART if within and not is_sideways(goal, settings) else Event.NOTHING
+    return Event.APART if within and not conditions.is_sideways(goal, settings) else Event.NOTHING
 
 
 def has_run_up(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
@@ -212,4 +200,4 @@ def _turn_left(goal: GoalEstimate) -> float:
 def _leads_ahead(goal: GoalEstimate, settings: DriveSettings) -> bool:
     """Return whether the goal is ahead by both geometries, and not near."""
     ahead = max(abs(each.alpha) for each in goal.rivals) <= settings.sideways_bearing
-    return ahead and is_far_enough(goal, settings)
+    return ahead and conditions.is_far_enough(goal, settings)

@@ -13,46 +13,7 @@ from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.laws.arrival import (
-    align_bound,
-    engage_bound,
-    faces_goal,
-    FACING,
-    half_hop,
-    has_parallax,
-    hysteresis,
-    is_in_doubt,
-    is_matched,
-    is_near_enough,
-    release_bound,
-    stands_aside,
-    stands_beside,
-    stopping,
-)
-from visual_servo_epipolar.core.laws.braking import (
-    braked,
-    braked_turn,
-    BRAKING,
-    converging_speed,
-    heading_share,
-    LEAST_LOOK_AHEAD,
-    looking_speed,
-    settled_turn,
-    STEERING_S,
-    unfelt_latency,
-)
-from visual_servo_epipolar.core.laws.conditions import (
-    begun_step_1,
-    discordant_bearing,
-    is_off_course,
-    is_untrusted,
-    lateral_offset,
-    leads_home,
-    line_look_ahead,
-    offset_ratio,
-    with_new_leg,
-)
+from visual_servo_epipolar.core.laws import arrival, braking, conditions, equations
 from visual_servo_epipolar.core.laws.derived_gains import (
     gains_in_use,
     legal_target,
@@ -85,13 +46,13 @@ def _displaced(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> E
     if goal.bearings is None:
         return Event.LOST
     alpha = goal.bearings.alpha
-    if abs(goal.bearings.chi) <= engage_bound(goal, settings):
+    if abs(goal.bearings.chi) <= arrival.engage_bound(goal, settings):
         return Event.DISPLACED  # e_du is zero already: any e_au will do
     if not settings.options.discordant_turn and not settings.derives:
         return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
     off = alpha - math.atan(memory.law.target)
     if settings.options.speed_ramps:  # also once it stands
-        turn = stopping(goal.twist.angular, settings.max_angular_acceleration, settings)
+        turn = arrival.stopping(goal.twist.angular, settings.max_angular_acceleration, settings)
         off = max(off, off + turn, key=abs)
     return Event.DISPLACED if abs(off) <= settings.displacement_tolerance else Event.NOTHING
 
@@ -103,7 +64,7 @@ def _displace(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Tw
     bearings = goal.bearings
     if settings.options.speed_ramps:
         angle = math.atan(memory.law.target) - bearings.alpha
-        return Twist(0.0, braked_turn(angle, goal, settings))
+        return Twist(0.0, braking.braked_turn(angle, goal, settings))
     return equations.turn_epipole(
         bearings.epipole_current, memory.law.target, k1=settings.turn_gain
     )
@@ -117,7 +78,7 @@ def _begin_displacing(goal: GoalEstimate, memory: Memory, settings: DriveSetting
     """
     if memory.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
         raise ValueError(Reason.RESTARTED.of(memory.run.restarts))
-    memory = with_new_leg(goal, memory)
+    memory = conditions.with_new_leg(goal, memory)
     if settings.derives:
         return memory.changed(target=legal_target(goal, memory, settings))
     return memory.changed(target=_target(goal, settings))
@@ -130,7 +91,7 @@ def _target(goal: GoalEstimate, settings: DriveSettings) -> float:
         return 0.0
     if not settings.options.discordant_turn:
         return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
-    return math.tan(discordant_bearing(goal, settings))
+    return math.tan(conditions.discordant_bearing(goal, settings))
 
 
 DISPLACING = PhaseRow(
@@ -149,17 +110,17 @@ def _zeroed(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Even
     chi = goal.bearings.chi
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
-    factor = hysteresis(memory, settings)
+    factor = arrival.hysteresis(memory, settings)
     turned = yaw_learnt(goal, memory) > factor * YAW_FOR_NEW_START
-    off_course = is_off_course(goal, settings, factor=factor)
+    off_course = conditions.is_off_course(goal, settings, factor=factor)
     if not memory.law.latched and not turned and off_course:
-        return Event.ALIGNED if leads_home(goal, settings) else Event.SIDEWAYS
+        return Event.ALIGNED if conditions.leads_home(goal, settings) else Event.SIDEWAYS
     if memory.law.latched:
         escaped = abs(chi) > escape_bound(goal, memory, settings)
     else:
         escaped = leads_away(goal, settings, factor=factor)
     if escaped or (turned and not _goes_on(goal, memory, settings)):
-        return begun_step_1(goal, settings, Event.ESCAPED)
+        return conditions.begun_step_1(goal, settings, Event.ESCAPED)
     return Event.ALIGNED if memory.settling.settled >= settings.align_frames else Event.NOTHING
 
 
@@ -171,7 +132,7 @@ def _goes_on(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> boo
         return True
     # The spiral of the held e_au, as in ``equations.displaced_epipole``.
     least_tangent = abs(goal.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
-    return abs(memory.law.target) >= least_tangent and not is_off_course(goal, settings)
+    return abs(memory.law.target) >= least_tangent and not conditions.is_off_course(goal, settings)
 
 
 def escape_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
@@ -182,11 +143,11 @@ def escape_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
     camera ahead of the axle swings aside while the robot turns: to begin anew would displace e_au
     by as much, and the camera would swing aside once more.
     """
-    bound = hysteresis(memory, settings) * release_bound(goal, settings)
+    bound = arrival.hysteresis(memory, settings) * arrival.release_bound(goal, settings)
     if not settings.options.line_following:
         return bound
     distance = goal.distance(UNKNOWN_RANGE)
-    most = RESIDUAL_OFFSET / max(offset_ratio(distance, goal, settings), 1e-9)
+    most = RESIDUAL_OFFSET / max(conditions.offset_ratio(distance, goal, settings), 1e-9)
     return max(bound, min(most / distance, LARGEST_ESCAPE))
 
 
@@ -200,17 +161,17 @@ def leads_away(goal: GoalEstimate, settings: DriveSettings, *, factor: float = 1
     law, bearings = settings.options, goal.bearings
     if bearings is None or not (law.discordant_turn and law.retreat):
         return False
-    known = abs(bearings.chi) > factor * release_bound(goal, settings)
+    known = abs(bearings.chi) > factor * arrival.release_bound(goal, settings)
     return known and bearings.alpha * bearings.chi > 0.0
 
 
 def _zero_epipoles(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
-    """Return eqs. (16)-(17), braked before contact if the law says so."""
+    """Return eqs. (16)-(17), braking.braked before contact if the law says so."""
     bearings, law = goal.bearings, settings.options
     if bearings is None:
         return STANDSTILL
     if memory.law.latched and _turns_back(memory, settings):
-        return Twist(0.0, braked_turn(-bearings.alpha, goal, settings))
+        return Twist(0.0, braking.braked_turn(-bearings.alpha, goal, settings))
     nu = _auxiliary_controls(bearings, goal, memory, settings)
     twist = equations.linearizing_control(
         bearings.epipole_current,
@@ -221,8 +182,8 @@ def _zero_epipoles(goal: GoalEstimate, memory: Memory, settings: DriveSettings) 
     )
     if not law.contact_braking:
         return twist
-    rate, braking = memory.law.desired_rate, settings.braking
-    speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
+    rate, most = memory.law.desired_rate, settings.braking
+    speed = equations.braking_speed(bearings.chi, rate, deceleration=most)
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
@@ -278,9 +239,9 @@ def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bo
     """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
     if not memory.law.latched or goal.bearings is None:
         return False
-    if _turns_back(memory, settings) and leads_home(goal, settings):
+    if _turns_back(memory, settings) and conditions.leads_home(goal, settings):
         return True
-    return abs(goal.bearings.alpha) <= align_bound(goal, memory, settings)
+    return abs(goal.bearings.alpha) <= arrival.align_bound(goal, memory, settings)
 
 
 def _with_gains(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
@@ -290,7 +251,7 @@ def _with_gains(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
 
 def _begin_zeroing(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
     """Return ``memory`` with a new leg, and its derived gains; ValueError if none is legal."""
-    return _with_gains(goal, with_new_leg(goal, memory), settings)
+    return _with_gains(goal, conditions.with_new_leg(goal, memory), settings)
 
 
 def _observe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
@@ -298,7 +259,7 @@ def _observe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Mem
     if memory.law.latched or goal.bearings is None:
         return memory
     bearing = goal.bearings.chi
-    near = abs(bearing) <= engage_bound(goal, settings)
+    near = abs(bearing) <= arrival.engage_bound(goal, settings)
     return memory.changed(latched=near or bearing * memory.law.side < 0.0)
 
 
@@ -315,27 +276,29 @@ ZEROING_EPIPOLES = PhaseRow(
 
 
 def _matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
-    if is_untrusted(goal, settings):
+    if conditions.is_untrusted(goal, settings):
         return Event.LOST
     attempts_remain = memory.run.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
-    if repeats and stands_beside(goal, memory, settings):
+    if repeats and arrival.stands_beside(goal, memory, settings):
         return Event.MISSED
-    doubtful = is_in_doubt(goal, settings) and not stands_aside(goal, memory, settings)
+    doubtful = arrival.is_in_doubt(goal, settings) and not arrival.stands_aside(
+        goal, memory, settings
+    )
     looks = DOUBTFUL_LOOKS if doubtful else 1
     if memory.settling.settled < looks * settings.arrival_frames:
         return Event.NOTHING
     missed = Event.MISSED if repeats else Event.EXHAUSTED
-    if has_parallax(goal, memory, settings):
+    if arrival.has_parallax(goal, memory, settings):
         # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
-        return missed if is_matched(goal, memory, settings) else Event.NOTHING
+        return missed if arrival.is_matched(goal, memory, settings) else Event.NOTHING
     if repeats and goal.offset is None and yaw_learnt(goal, memory) > YAW_FOR_NEW_ATTEMPT:
         return Event.MISSED  # aside by as much as two views cannot tell
-    if faces_goal(goal, memory, settings):
+    if arrival.faces_goal(goal, memory, settings):
         return Event.MATCHED
     if settings.options.final_turn:
         return Event.TURNED
-    return missed if settings.arrival_heading > FACING else Event.MATCHED
+    return missed if settings.arrival_heading > arrival.FACING else Event.MATCHED
 
 
 def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
@@ -343,7 +306,9 @@ def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist
     control = settings.options.matching_control or equations.match_features
     difference = goal.difference
     if _brakes(goal, settings):
-        difference += goal.motion.slope.value * goal.twist.linear * unfelt_latency(settings)
+        difference += (
+            goal.motion.slope.value * goal.twist.linear * braking.unfelt_latency(settings)
+        )
     twist = control(difference, k_t=_matching_gain(difference, goal, memory, settings))
     if not settings.options.line_following:
         return twist
@@ -351,15 +316,15 @@ def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist
     linear = min(max(twist.linear, -settings.max_linear), fastest)
     twist = equations.follow_line(
         linear,
-        lateral_offset(goal),
+        conditions.lateral_offset(goal),
         goal.heading_error,
         look_ahead=_look_ahead(abs(linear), goal, settings),
-        least_turn=half_hop(settings.dead_band_angular, goal, memory, settings),
+        least_turn=arrival.half_hop(settings.dead_band_angular, goal, memory, settings),
     )
     if not _brakes(goal, settings) or goal.offset is None or not settings.options.final_turn:
         return twist
-    facing = heading_share(goal.offset[1])
-    turn = settled_turn(-goal.heading_error, goal, settings)
+    facing = braking.heading_share(goal.offset[1])
+    turn = braking.settled_turn(-goal.heading_error, goal, settings)
     return Twist(linear, (1.0 - facing) * twist.angular + facing * turn)
 
 
@@ -370,16 +335,16 @@ def _converging_speed(goal: GoalEstimate, settings: DriveSettings) -> float:
     x, y = goal.offset
     if y >= 0.0:
         return math.inf
-    braking = BRAKING * settings.max_acceleration
-    aside = abs(x) + LEAST_LOOK_AHEAD * abs(goal.heading_error)
-    speed = converging_speed(aside, -y, goal, braking, 1.0)
-    return min(speed, looking_speed(-y, goal, settings))
+    deceleration = braking.BRAKING * settings.max_acceleration
+    aside = abs(x) + braking.LEAST_LOOK_AHEAD * abs(goal.heading_error)
+    speed = braking.converging_speed(aside, -y, goal, deceleration, 1.0)
+    return min(speed, braking.looking_speed(-y, goal, settings))
 
 
 def _look_ahead(speed: float, goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the look-ahead of line following [m], in time no less than a loop can follow."""
-    length = line_look_ahead(goal, settings)
-    return max(length, STEERING_S * speed) if _brakes(goal, settings) else length
+    length = conditions.line_look_ahead(goal, settings)
+    return max(length, braking.STEERING_S * speed) if _brakes(goal, settings) else length
 
 
 def _matching_gain(
@@ -412,8 +377,8 @@ def _braked_rate(rate: float, way: float, goal: GoalEstimate, settings: DriveSet
     """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
     if way == 0.0:
         return rate
-    deceleration, band = BRAKING * settings.max_acceleration, settings.dead_band_linear
-    return braked(way, goal, gain=rate, deceleration=deceleration, dead_band=band) / way
+    deceleration, band = braking.BRAKING * settings.max_acceleration, settings.dead_band_linear
+    return braking.braked(way, goal, gain=rate, deceleration=deceleration, dead_band=band) / way
 
 
 def _damped_rate(goal: GoalEstimate, settings: DriveSettings) -> float:
@@ -423,8 +388,8 @@ def _damped_rate(goal: GoalEstimate, settings: DriveSettings) -> float:
 
 
 def _is_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    nearly = is_near_enough(goal, memory, settings)
-    return nearly or is_matched(goal, memory, settings)
+    nearly = arrival.is_near_enough(goal, memory, settings)
+    return nearly or arrival.is_matched(goal, memory, settings)
 
 
 MATCHING_FEATURES = PhaseRow(
@@ -434,7 +399,7 @@ MATCHING_FEATURES = PhaseRow(
     classify=_matched,
     command=_match,
     is_settled=_is_matched,
-    is_close=partial(is_matched, spent=True),
+    is_close=partial(arrival.is_matched, spent=True),
     begin=_with_gains,
 )
 
