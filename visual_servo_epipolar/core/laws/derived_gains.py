@@ -8,7 +8,7 @@ a phase may last are a warning.
 
 import math
 
-from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.arrival import engage_bound
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
@@ -23,9 +23,6 @@ from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import felt_latency
 
-NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
-USUAL_RATE = 11.0  # before two images have come [Hz]
-
 
 def gains_in_use(memory: Memory, settings: DriveSettings) -> Gains | None:
     """Return the gains derived for this step, unless those given are to hold by now."""
@@ -36,7 +33,7 @@ def with_gains_of_now(goal: GoalEstimate, memory: Memory, settings: DriveSetting
     """
     Return ``memory`` with gains for its step, 1 or 2, derived from the estimates of this moment.
 
-    Gains that are too slow for the phase are a warning.
+    As it is where gains are given. Gains that are too slow for the phase are a warning.
 
     Raises
     ------
@@ -44,6 +41,8 @@ def with_gains_of_now(goal: GoalEstimate, memory: Memory, settings: DriveSetting
         If no gain is legal: see ``gains.derive``.
 
     """
+    if not settings.derives:
+        return memory
     alpha = 0.0 if goal.bearings is None else goal.bearings.alpha
     now = circumstances(goal, memory, settings, alpha=alpha)
     gains = derive(now)
@@ -86,13 +85,13 @@ def circumstances(
     return Circumstances(
         concordant=not landed and alpha * chi > 0.0,
         current=min(max(abs(alpha), 0.001), 1.0 if landed else 1.57),
-        desired=max(NEARLY_ZERO * landing, 0.001) if landed else min(max(abs(chi), 0.001), 1.56),
+        desired=max(2.0 * landing, 0.001) if landed else min(max(abs(chi), 0.001), 1.56),
         farthest=farthest,
         nearest=min(max(nearest, settings.min_distance, 0.05), farthest),
         max_linear=settings.max_linear,
         max_angular=settings.max_angular,
         deceleration=min(2.0 * settings.max_acceleration, 20.0),  # slowing down is twice as fast
-        rate=min(max(1.0 / goal.period, 0.5), 1000.0) if goal.period > 0.0 else USUAL_RATE,
+        rate=min(max(1.0 / usual_step(goal.period), 0.5), 1000.0),
         latency=felt_latency(settings),
         landing=landing,
         depth=settings.scene_depth,
