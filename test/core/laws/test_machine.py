@@ -8,8 +8,10 @@ from servo_states import DRIVING, ENDED, EVENTS, goal, in_phase, PHASES, SETTING
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.standing import STANDING
+from visual_servo_epipolar.core.laws.standing import ARRIVED, FAILED, HOLDING, WAITING
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
+
+STANDING = WAITING, HOLDING, ARRIVED, FAILED
 
 # What each event means in each phase, written down anew on purpose: not a copy of the code.
 SURVEYING = {Phase.WAITING, Phase.HOLDING}

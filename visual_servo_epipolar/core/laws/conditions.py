@@ -29,36 +29,24 @@ TURNED = 1.0  # more than a robot turns between two images, or while it stands [
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
 KNOWN = 0.009  # deviation of its bearing from there [rad]
 RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
-LAST_SHARE, LAST_LOOK_AHEAD = 0.5, 0.03  # of the way that is left, and at least [m]
+LAST_LOOK_AHEAD = 0.03  # near the goal [m]
 LAST_TURN = 0.05  # that it may take [rad]
-MOST_ASIDE = 0.5  # offset in look-aheads: more would turn features out of view
 MOST_TURNED = 0.35  # heading error to begin with [rad]
 LONGEST_WAY = 1.5  # in upper bounds of the distance
-LONGEST_NEARING = 3.0  # the same where the memory shows that the goal is nearer
-NEARER = 0.5  # of what was driven, that is left
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 CORRECTION = 0.1  # backward, of a robot that never backs off [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 
 
-def is_sideways(goal: GoalEstimate, settings: DriveSettings) -> bool:
+def is_sideways(goal: GoalEstimate, settings: DriveSettings, *, factor: float = 0.0) -> bool:
     """
     Return whether a law with retreat backs off before step 1.
 
     From beside or past the goal, and where the field of view leaves no room for a displacement
-    that would bring the robot onto the axis before it is at the goal.
+    that would bring the robot onto the axis before it is at the goal. Once begun, step 1 is given
+    up for it with a ``factor`` of hysteresis.
     """
-    return _backs_off(goal, settings, settings.least_spiral_ratio)
-
-
-def is_off_course(goal: GoalEstimate, settings: DriveSettings, *, factor: float = 1.0) -> bool:
-    """Return whether step 1, once begun, is given up for a retreat: ``factor`` of hysteresis."""
-    return _backs_off(goal, settings, settings.least_spiral_ratio ** (1.0 + factor))
-
-
-def _backs_off(goal: GoalEstimate, settings: DriveSettings, least_ratio: float) -> bool:
-    """Return whether the goal is not ahead, or the spiral ends below ``least_ratio``."""
     bearings, law = goal.bearings, settings.options
     if not law.retreat or bearings is None:
         return False
@@ -66,6 +54,7 @@ def _backs_off(goal: GoalEstimate, settings: DriveSettings, least_ratio: float) 
         return True
     if not law.discordant_turn:
         return False
+    least_ratio = settings.least_spiral_ratio ** (1.0 + factor)
     return displacement(goal, settings, least_ratio=least_ratio) is None
 
 
@@ -162,7 +151,7 @@ def line_look_ahead(goal: GoalEstimate, settings: DriveSettings) -> float:
         return look_ahead(goal.distance(), settings.look_ahead)
     x, y = goal.offset
     gentle = max(abs(x), goal.offset_deviation) / LAST_TURN
-    least = min(max(-LAST_SHARE * y, LAST_LOOK_AHEAD, gentle), LEAST_REMEMBERED)
+    least = min(max(-0.5 * y, LAST_LOOK_AHEAD, gentle), LEAST_REMEMBERED)
     return _remembered_look_ahead(y, settings, least)
 
 
@@ -194,7 +183,8 @@ def leads_home(goal: GoalEstimate, settings: DriveSettings) -> bool:
         return False
     x, y = goal.offset
     length, turned = _remembered_look_ahead(y, settings), goal.heading_error
-    if y > -length or abs(turned) > MOST_TURNED or abs(x) > MOST_ASIDE * length:
+    # From more than half a look-ahead aside features would be turned out of view.
+    if y > -length or abs(turned) > MOST_TURNED or abs(x) > 0.5 * length:
         return False
     aside = abs(x) + length * math.tan(abs(turned))
     return aside * math.exp(equations.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET
@@ -217,7 +207,7 @@ def excursion_limit(goal: GoalEstimate, memory: Memory, settings: DriveSettings)
     room corrects by decimetres near the goal alone. Laws without
     retreat, whose first step may lead away by itself, have a wider one. In steps 1 and 2 of a law
     that spirals inwards the distance hardly grows, and no way is longer than its upper bound
-    allows.
+    allows; of twice as long a one while less is left, by the memory of views, than half of it.
     """
     name, law = memory.phase.value, settings.options
     backward, wider = goal.motion.reversed, 1.0 if law.retreat else LEADING_AWAY
@@ -228,21 +218,16 @@ def excursion_limit(goal: GoalEstimate, memory: Memory, settings: DriveSettings)
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or not memory.phase.closes_in:
         return ''
-    bounds = LONGEST_NEARING if _is_nearing(goal, memory) else LONGEST_WAY
-    longest = bounds * settings.initial_distance + goal.motion.reversed
-    if abs(memory.run.travel) > longest:
+    offset, travel = goal.offset, abs(memory.run.travel)
+    nears = offset is not None and math.hypot(*offset) < 0.5 * travel
+    bounds = 2.0 * LONGEST_WAY if nears else LONGEST_WAY
+    longest = bounds * settings.initial_distance + backward
+    if travel > longest:
         return Reason.LONG_WAY.of(longest, name)
     ratio = _excursion(goal, memory)
     if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
         return ''
     return Reason.EXCURSION.of(name, ratio)
-
-
-def _is_nearing(goal: GoalEstimate, memory: Memory) -> bool:
-    """Return whether less is left, by the memory of views, than a part of what was driven."""
-    if goal.offset is None:
-        return False
-    return math.hypot(*goal.offset) < NEARER * abs(memory.run.travel)
 
 
 def _excursion(goal: GoalEstimate, memory: Memory) -> float:

@@ -24,9 +24,6 @@ Command: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], Twist]
 Predicate: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], bool]
 Update: TypeAlias = Callable[[GoalEstimate, Memory, DriveSettings], Memory]
 
-FAILURES = (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.DISOBEYED, Event.EXCURSION)
-REQUIRED = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)  # of any law
-
 
 @dataclass(frozen=True, kw_only=True)
 class PhaseRow:
@@ -66,7 +63,8 @@ class StateMachine:
     ) -> None:
         self.rows: Mapping[Phase, PhaseRow] = MappingProxyType({row.phase: row for row in rows})
         self.transitions = MappingProxyType(dict(transitions))
-        named = {phase for phase, _ in transitions} | {*transitions.values(), *REQUIRED}
+        required = {Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED}
+        named = required | {phase for phase, _ in transitions} | {*transitions.values()}
         missing = [phase.value for phase in named if phase not in self.rows]
         if missing:
             raise ValueError(
@@ -98,7 +96,7 @@ def interruption(phase: Phase, event: Event) -> Phase | None:
         return Phase.WAITING
     if event is Event.LOST and (phase.drives or phase is Phase.WAITING):
         return Phase.HOLDING
-    return Phase.FAILED if event in FAILURES and phase.runs else None
+    return Phase.FAILED if event.fails and phase.runs else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,9 +29,9 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.steering import GAINS, RESERVE
 from visual_servo_epipolar.core.laws.two_steps import FULL
 
-STEP, LEAST_STEP = 0.06, 0.006  # of a way ahead in thought: part of the distance, at least [m]
+STEP = 0.06  # of a way ahead in thought: part of the distance
 STEPS = 110
-LEAST_AHEAD = 0.1  # of the goal, on its axis, where the law ends [m]
+LEAST_AHEAD = 0.1  # of the goal, on its axis, where the law ends, and its steps get no shorter [m]
 WAYS = np.array([0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0])
 BENDS = np.array([0.0, -0.3, 0.3, -0.6, 0.6, -1.0, 1.0])  # of the largest curvature
 ASIDE, TURNED = 1e-3, 5e-3  # error at which a way ends at the goal [m], [rad]
@@ -86,7 +86,7 @@ def misses(place: GoalOffset, heading: float, bounds: Bounds) -> FloatArray:
     lost = (place.heading < low) | (place.heading > high) | (place.y >= 0.0)
     for _ in range(STEPS):
         way = np.minimum(
-            np.maximum(STEP * np.hypot(place.x, place.y), LEAST_STEP),
+            STEP * np.maximum(np.hypot(place.x, place.y), LEAST_AHEAD),
             np.maximum(-place.y, 0.0) / np.maximum(np.cos(place.heading), 0.2),
         )
         if not way.any():
@@ -94,7 +94,7 @@ def misses(place: GoalOffset, heading: float, bounds: Bounds) -> FloatArray:
         wanted = _curvature(place, low, high)
         place = moved(place, way, np.clip(wanted, -bounds.curvature, bounds.curvature))
     error = np.hypot(place.x / ASIDE, place.heading / TURNED)
-    return np.where(lost | (place.y < -LEAST_STEP), np.inf, error)
+    return np.where(lost | (place.y < -STEP * LEAST_AHEAD), np.inf, error)
 
 
 def _curvature(place: GoalOffset, low: float, high: float) -> FloatArray:
@@ -213,9 +213,7 @@ def _with_way_back(goal: GoalEstimate, memory: Memory, settings: DriveSettings) 
 
 def _sight(goal: GoalEstimate, settings: DriveSettings) -> smooth.Sight | None:
     """Return where the robot will be when it obeys, by a memory of views; None without one."""
-    if goal.offset is None:
-        return None
-    return smooth.seen_from(goal, settings)
+    return None if goal.offset is None else smooth.seen_from(goal, settings)
 
 
 def _misses(sight: smooth.Sight, goal: GoalEstimate, settings: DriveSettings) -> float:

@@ -63,7 +63,7 @@ class Phase:
         return self.drives or self is Phase.HOLDING
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _same, astuple(self)
+        return _same, (Phase, *astuple(self))
 
 
 def unarmed(word: str) -> str:
@@ -71,9 +71,9 @@ def unarmed(word: str) -> str:
     return Phase.WAITING.value if word == ARMED else word
 
 
-def _same(value: str, *facts: bool) -> Phase:
-    """Return the phase of this word in a process that may not have its law in use."""
-    return Phase.known.get(value) or Phase(value, *facts)
+def _same(kind: Any, value: str, *facts: Any) -> Any:
+    """Return the phase or event of this word in a process that may not have its law in use."""
+    return kind.known.get(value) or kind(value, *facts)
 
 
 Phase.WAITING = Phase('waiting')
@@ -93,10 +93,12 @@ class Event:
     Event: what one measurement means to the state machine, in a word, ``value``.
 
     ``sentence`` gives it as the reason of a change of phase, '' where the servo has a longer one.
+    ``fails``: it ends any run.
     """
 
     value: str
     sentence: str = ''
+    fails: bool = False
 
     known: ClassVar[dict[str, 'Event']] = {}
     NOTHING: ClassVar['Event']
@@ -125,12 +127,7 @@ class Event:
         self.known[self.value] = self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _same_event, astuple(self)
-
-
-def _same_event(value: str, sentence: str) -> Event:
-    """Return the event of this word in a process that may not have its law in use."""
-    return Event.known.get(value) or Event(value, sentence)
+        return _same, (Event, *astuple(self))
 
 
 Event.NOTHING = Event('nothing')
@@ -151,10 +148,11 @@ Event.MATCHED = Event('matched', 'the features are where the photograph has them
 Event.TURNED = Event('turned', 'the robot does not face as the photograph was taken')
 Event.MISSED = Event('missed')  # at the end of step 2, but not at the goal
 Event.LOST = Event('lost')  # too few features, or a geometry that cannot be trusted
-Event.EXHAUSTED = Event('exhausted')  # missed, and no attempt is left
+Event.EXHAUSTED = Event('exhausted', fails=True)  # missed, and no attempt is left
 Event.NO_GAIN = Event('no gain')  # none is legal from here (section IV-C)
-Event.DIVERGED = Event('diverged')  # an epipole ran away
-Event.DISOBEYED = Event('the base contradicts its commands')  # too often for the run to go on
-Event.EXCURSION = Event('excursion')  # farther from the goal than the phase may lead
-Event.TIMED_OUT = Event('timed out')
+Event.DIVERGED = Event('diverged', fails=True)  # an epipole ran away
+# Too often for the run to go on.
+Event.DISOBEYED = Event('the base contradicts its commands', fails=True)
+Event.EXCURSION = Event('excursion', fails=True)  # farther from the goal than the phase may lead
+Event.TIMED_OUT = Event('timed out', fails=True)
 Event.STOPPED = Event('stopped')

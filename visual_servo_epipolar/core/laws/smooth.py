@@ -7,6 +7,7 @@ step: a memory of views is what carries one motion through to its end.
 """
 
 from dataclasses import replace
+from functools import partial
 import math
 from typing import NamedTuple
 
@@ -29,7 +30,7 @@ from visual_servo_epipolar.core.laws.braking import (
     TAIL_S,
     unfelt_latency,
 )
-from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.standing import (
@@ -47,15 +48,13 @@ from visual_servo_epipolar.core.odometry.legs import UNKNOWN_RANGE
 AHEAD, STILL_LEFT = 0.5, 0.1  # cosine of a bearing; way at least where bearings say none [m]
 TURN_S = 0.5  # time constant of turns to where features stay in view
 UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
-CALM = 0.5  # share of the last turn in the next, near the goal: noise is no reason to turn
-ON_AXIS, LEAST_ASIDE = 0.2, 0.1  # bearing off the axis beyond which D tells no way [rad], [m/s]
+ON_AXIS, LEAST_ASIDE = 0.2, 0.1  # bearings beyond which D tells no way ahead [rad], [m/s]
 RUN_UP = 0.3  # behind the goal, to which a robot backs off that is ahead of it [m]
 BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis [rad]
 MOST_ASIDE = 0.3  # heading error at which it backs off towards the axis [rad]
 TURNING_BEARING = 0.25  # beyond that at which backing off ends: where it turns ahead [rad]
 PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
-LINED_UP = 0.2  # bearings up to which D is that of the way ahead [rad]
 BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
 
 
@@ -102,7 +101,8 @@ def approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
         return _around(pose, speed, turn, settings)
     if goal.offset is not None:
         facing = heading_share(left)
-        calm = min(max(1.5 - left / NEAR, 0.0), 1.0) * CALM
+        # Near the goal the last turn is half of the next: noise is no reason to turn.
+        calm = 0.5 * min(max(1.5 - left / NEAR, 0.0), 1.0)
         turn += calm * (goal.twist.angular - turn)
         turn = (1.0 - facing) * turn - facing * goal.heading_error / TAIL_S
     return Twist(speed, _within_view(turn, goal, settings))
@@ -199,6 +199,8 @@ def back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     heading and turns to where it will drive at the end of that. One that steers turns by driving
     alone, and does not slow down for it.
     """
+    if settings.max_retreat == 0.0:
+        return STANDSTILL
     sight, bearings = seen_from(goal, settings), goal.bearings
     turn, speed = 0.0, settings.retreat_speed
     pose = (
@@ -264,34 +266,20 @@ def _within_view(turn: float, goal: GoalEstimate, settings: DriveSettings) -> fl
 
     Of what a head can reach, and of where it looks now: no faster than it follows from there.
     """
-    turn = _within_present(turn, goal, settings)
-    bounds = [
-        rate_within(
-            margin - steering.RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S
-        )
-        for margin in goal.view_margins
-        if math.isfinite(margin)
-    ]
-    if not bounds:
-        return turn
-    left, right = bounds
+    # Before features leave its view as it is, a head follows, too.
+    margins, follows = goal.present_margins, settings.carrier.turn_rate
+    left, right = (follows + _rate_to(margin, settings) for margin in margins)
+    turn = min(max(turn, -max(right, 0.0)), max(left, 0.0))
+    left, right = (_rate_to(margin, settings) for margin in goal.view_margins)
     if left + right <= 0.0:
         return 0.5 * (left - right)
     return min(max(turn, -right), left)
 
 
-def _within_present(turn: float, goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return a turn that a head follows before features leave its view as it is [rad/s]."""
-    left, right = (
-        settings.carrier.turn_rate
-        + rate_within(
-            margin - steering.RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S
-        )
-        if math.isfinite(margin)
-        else math.inf
-        for margin in goal.present_margins
-    )
-    return min(max(turn, -max(right, 0.0)), max(left, 0.0))
+def _rate_to(margin: float, settings: DriveSettings) -> float:
+    """Return the fastest turn towards features that leave the view after a ``margin`` [rad/s]."""
+    left, deceleration = margin - steering.RESERVE, settings.max_angular_acceleration
+    return rate_within(left, deceleration=deceleration, delay=TURN_S)
 
 
 def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
@@ -324,7 +312,7 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
 def _is_lined_up(goal: GoalEstimate, bearings: Bearings) -> bool:
     """Return whether the second step leads to the goal: near it, where D is small, on its axis."""
     near = abs(goal.difference) <= HANDOVER_DIFFERENCE
-    return near and max(abs(bearings.chi), abs(bearings.alpha)) <= LINED_UP
+    return near and max(abs(bearings.chi), abs(bearings.alpha)) <= ON_AXIS
 
 
 def _lies_beside(
@@ -404,18 +392,13 @@ def is_through(
     spent: bool = False,
 ) -> bool:
     """
-    Return whether the motion leads no farther: D is zero, or the way that is left.
+    Return whether the motion leads no farther, by a memory: D is zero, or the way left.
 
     Aside of the goal they are not zero at one place, and the motion stands where the way ends.
     """
     bound = rest * arrival.matched_bound(goal, memory, settings, spent=spent)
     left = abs(way_left(goal)) * goal.difference_slope
-    return min(abs(goal.difference), left) <= bound
-
-
-def is_close(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    """Return whether the motion leads no farther, within the usual bounds."""
-    return goal.offset is not None and is_through(goal, memory, settings, spent=True)
+    return goal.offset is not None and min(abs(goal.difference), left) <= bound
 
 
 def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
@@ -426,10 +409,6 @@ def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> E
     if goal.bearings is None or not has_room:
         return Event.NOTHING
     return Event.NOTHING if _lies_beside(goal, settings, beyond=0.0, least=1.0) else Event.APART
-
-
-def _back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
-    return STANDSTILL if settings.max_retreat == 0.0 else back_off(goal, memory, settings)
 
 
 def surveyed(row: PhaseRow) -> PhaseRow:
@@ -444,8 +423,7 @@ def surveyed(row: PhaseRow) -> PhaseRow:
         known = goal.offset is not None or goal.bearings is not None
         return Event.APART if known and event in (Event.ALIGNED, Event.NO_BASELINE) else event
 
-    survey: Classifier = classify
-    return replace(row, classify=survey)
+    return replace(row, classify=classify)
 
 
 APPROACHING = PhaseRow(
@@ -455,13 +433,13 @@ APPROACHING = PhaseRow(
     classify=approaching,
     command=approach,
     is_settled=_ends,
-    is_close=is_close,
+    is_close=partial(is_through, spent=True),
     begin=lambda goal, memory, _: conditions.with_new_leg(goal, memory),
 )
 ONE_MOTION = StateMachine(
     (
         *(surveyed(WAITING), surveyed(HOLDING), ARRIVED, FAILED, ORIENTING, MATCHING_FEATURES),
-        replace(RETREATING, classify=retreating, command=_back_off),
+        replace(RETREATING, classify=retreating, command=back_off),
         APPROACHING,
     ),
     {

@@ -22,8 +22,8 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 # In a row that must be trusted before the robot moves again; where it appears to have turned
 # meanwhile, somebody must have turned it.
 RESUMING_FRAMES, TURNED_FRAMES = 3, 15
-LEG, LEGS = 0.3, 3  # way [m]
-SWING, SWUNG = 0.3, 0.03  # of the second leg to one side, the third to the other [rad]
+LEG, SWINGS = 0.3, (0.0, 0.3, -0.3)  # way of a leg [m], and how far aside each leads [rad]
+SWUNG = 0.03  # turn left with which a leg begins [rad]
 MOST_PROBES = 3  # in an attempt
 
 
@@ -66,7 +66,6 @@ HOLDING = PhaseRow(
 )
 ARRIVED = PhaseRow(phase=Phase.ARRIVED, words='stands at the goal', colour='#44337A')
 FAILED = PhaseRow(phase=Phase.FAILED, words='stands, the run is over', colour='#D55E00')
-STANDING = (WAITING, HOLDING, ARRIVED, FAILED)
 
 
 def _oriented(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
@@ -165,10 +164,11 @@ def classify_probe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) 
     """Return the event of a probe: whether one geometry is left, or it ends without."""
     if goal.bearings is not None or not goal.rivals:
         return Event.LOST if goal.bearings is None else Event.RESOLVED
+    way, most = 0.0 if goal.followed is None else goal.followed.way, len(SWINGS) * LEG
     if memory.phase.backs_off:
-        spent = _way(goal) > min(LEGS * LEG, 0.9 * settings.max_retreat)
+        spent = way > min(most, 0.9 * settings.max_retreat)
     else:
-        spent = _way(goal) > LEGS * LEG or not _leads_ahead(goal, settings)
+        spent = way > most or not _leads_ahead(goal, settings)
     return Event.LOST if spent else Event.NOTHING
 
 
@@ -182,16 +182,12 @@ def probe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     )
 
 
-def _way(goal: GoalEstimate) -> float:
-    return 0.0 if goal.followed is None else goal.followed.way
-
-
 def _turn_left(goal: GoalEstimate) -> float:
     """Return the turn to the heading of the leg, as far as the view allows [rad]."""
     rivals = goal.followed
     if rivals is None:
         return 0.0
-    swing = (0.0, SWING, -SWING)[min(int(rivals.way / LEG), LEGS - 1)]
+    swing = SWINGS[min(int(rivals.way / LEG), len(SWINGS) - 1)]
     turned = math.remainder(goal.rotation_heading - rivals.turn, 2.0 * math.pi)
     left, right = goal.view_margins
     return min(max(swing - turned, -right), left)

@@ -30,8 +30,7 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 from visual_servo_epipolar.core.laws.braking import NEAR
 
-TURNED = 0.7  # [rad]: within it and NEAR the line to the goal is followed,
-LINE_SLOPE = 0.7  # from behind it and no farther aside than that share
+LINE = 0.7  # heading error [rad] and slope from behind within which, NEAR, a line is followed
 AT_GOAL_AROUND = 0.12  # nearer no direction to it is worth a turn [m]
 BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
 STEERED, TURNS_IN_PLACE = 0.6, 1.0  # off the aim: up to which it drives on, and not at all [rad]
@@ -132,7 +131,7 @@ def goes_around(x: float, y: float, heading: float, goal: GoalEstimate) -> bool:
     distance = math.hypot(x, y)
     if not sees_all_round(goal) or distance < AT_GOAL_AROUND:
         return False
-    return distance > NEAR or abs(heading) > TURNED or abs(x) > -LINE_SLOPE * y
+    return distance > NEAR or abs(heading) > LINE or abs(x) > -LINE * y
 
 
 def line_share(x: float, y: float) -> float:

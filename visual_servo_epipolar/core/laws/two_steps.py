@@ -9,7 +9,8 @@ features match, eqs. (21)-(22).
 from functools import partial
 import math
 
-from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
+from visual_servo_epipolar.core.arrays import ROUNDING
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
@@ -28,18 +29,23 @@ from visual_servo_epipolar.core.laws.machine import (
 from visual_servo_epipolar.core.laws.memory import Memory, yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.prediction import felt_latency
-from visual_servo_epipolar.core.laws.standing import ORIENTING, RETREATING, STANDING
+from visual_servo_epipolar.core.laws.standing import (
+    ARRIVED,
+    FAILED,
+    HOLDING,
+    ORIENTING,
+    RETREATING,
+    WAITING,
+)
 from visual_servo_epipolar.core.odometry.legs import UNKNOWN_RANGE
 from visual_servo_epipolar.core.reasons import Reason
 
 MOST_RESTARTS = 12  # of step 1 in an attempt: it goes to and fro
 CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
 YAW_FOR_NEW_START = math.radians(1.5)  # that the camera may be learnt to differ by in this phase
-RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
 YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase
-LEAST_DELAY = 1e-3  # of a loop [s]
 
 
 def _displaced(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
@@ -112,7 +118,7 @@ def _zeroed(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Even
         return Event.DIVERGED
     factor = arrival.hysteresis(memory, settings)
     turned = yaw_learnt(goal, memory) > factor * YAW_FOR_NEW_START
-    off_course = conditions.is_off_course(goal, settings, factor=factor)
+    off_course = conditions.is_sideways(goal, settings, factor=factor)
     if not memory.law.latched and not turned and off_course:
         return Event.ALIGNED if conditions.leads_home(goal, settings) else Event.SIDEWAYS
     if memory.law.latched:
@@ -132,14 +138,16 @@ def _goes_on(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> boo
         return True
     # The spiral of the held e_au, as in ``equations.displaced_epipole``.
     least_tangent = abs(goal.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
-    return abs(memory.law.target) >= least_tangent and not conditions.is_off_course(goal, settings)
+    sideways = conditions.is_sideways(goal, settings, factor=1.0)
+    return abs(memory.law.target) >= least_tangent and not sideways
 
 
 def escape_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:
     """
     Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
 
-    An offset that line following brings below a millimetre need not be zeroed first, as when a
+    An offset of which line following leaves little, twice as much as where step 2 begins without
+    step 1, need not be zeroed first, as when a
     camera ahead of the axle swings aside while the robot turns: to begin anew would displace e_au
     by as much, and the camera would swing aside once more.
     """
@@ -147,7 +155,8 @@ def escape_bound(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
     if not settings.options.line_following:
         return bound
     distance = goal.distance(UNKNOWN_RANGE)
-    most = RESIDUAL_OFFSET / max(conditions.offset_ratio(distance, goal, settings), 1e-9)
+    ratio = max(conditions.offset_ratio(distance, goal, settings), ROUNDING)
+    most = 2.0 * conditions.RESIDUAL_OFFSET / ratio
     return max(bound, min(most / distance, LARGEST_ESCAPE))
 
 
@@ -166,17 +175,17 @@ def leads_away(goal: GoalEstimate, settings: DriveSettings, *, factor: float = 1
 
 
 def _zero_epipoles(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
-    """Return eqs. (16)-(17), braking.braked before contact if the law says so."""
+    """Return eqs. (16)-(17), braked before contact if the law says so."""
     bearings, law = goal.bearings, settings.options
     if bearings is None:
         return STANDSTILL
     if memory.law.latched and _turns_back(memory, settings):
         return Twist(0.0, braking.braked_turn(-bearings.alpha, goal, settings))
     nu = _auxiliary_controls(bearings, goal, memory, settings)
+    epipoles = bearings.epipole_current, bearings.epipole_desired
     twist = equations.linearizing_control(
-        bearings.epipole_current,
-        bearings.epipole_desired,
-        sigma=_sigma(bearings, settings),
+        *epipoles,
+        sigma=bearings.sigma if law.true_sigma else equations.printed_sigma(*epipoles),
         distance=goal.motion.distance,
         nu=(nu[0], 0.0) if memory.law.latched else nu,
     )
@@ -228,13 +237,6 @@ def _held_epipole(goal: GoalEstimate, memory: Memory) -> float:
     return math.tan(min(max(math.atan(memory.law.target), alpha - right), alpha + left))
 
 
-def _sigma(bearings: Bearings, settings: DriveSettings) -> float:
-    """Return sign cos(psi - theta), or the sign that the paper prints."""
-    if settings.options.true_sigma:
-        return bearings.sigma
-    return equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
-
-
 def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """Return whether both epipoles are zero, or so small that step 2 leads home from here."""
     if not memory.law.latched or goal.bearings is None:
@@ -244,14 +246,9 @@ def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bo
     return abs(goal.bearings.alpha) <= arrival.align_bound(goal, memory, settings)
 
 
-def _with_gains(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
-    """Return ``memory`` with its derived gains, if any; ValueError if none is legal."""
-    return with_gains_of_now(goal, memory, settings) if settings.derives else memory
-
-
 def _begin_zeroing(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
     """Return ``memory`` with a new leg, and its derived gains; ValueError if none is legal."""
-    return _with_gains(goal, conditions.with_new_leg(goal, memory), settings)
+    return with_gains_of_now(goal, conditions.with_new_leg(goal, memory), settings)
 
 
 def _observe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
@@ -314,11 +311,14 @@ def _match(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist
         return twist
     fastest = min(settings.max_linear, _converging_speed(goal, settings))
     linear = min(max(twist.linear, -settings.max_linear), fastest)
+    length = conditions.line_look_ahead(goal, settings)
+    if _brakes(goal, settings):  # in time no less than a loop can follow
+        length = max(length, braking.STEERING_S * abs(linear))
     twist = equations.follow_line(
         linear,
         conditions.lateral_offset(goal),
         goal.heading_error,
-        look_ahead=_look_ahead(abs(linear), goal, settings),
+        look_ahead=length,
         least_turn=arrival.half_hop(settings.dead_band_angular, goal, memory, settings),
     )
     if not _brakes(goal, settings) or goal.offset is None or not settings.options.final_turn:
@@ -341,12 +341,6 @@ def _converging_speed(goal: GoalEstimate, settings: DriveSettings) -> float:
     return min(speed, braking.looking_speed(-y, goal, settings))
 
 
-def _look_ahead(speed: float, goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return the look-ahead of line following [m], in time no less than a loop can follow."""
-    length = conditions.line_look_ahead(goal, settings)
-    return max(length, braking.STEERING_S * speed) if _brakes(goal, settings) else length
-
-
 def _matching_gain(
     difference: float, goal: GoalEstimate, memory: Memory, settings: DriveSettings
 ) -> float:
@@ -360,9 +354,14 @@ def _matching_gain(
     )
     rate = settings.approach_rate
     rate = min(k_t * goal.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
-    rate = min(factor * rate, max(rate, _damped_rate(goal, settings)))
-    if _brakes(goal, settings):
-        rate = _braked_rate(rate, difference / goal.motion.slope.value, goal, settings)
+    # The rate that is critically damped under the delay of the loop.
+    damped = CRITICAL_GAIN_DELAY / (felt_latency(settings) + usual_step(goal.period))
+    rate, way = min(factor * rate, max(rate, damped)), difference / goal.motion.slope.value
+    if way and _brakes(goal, settings):
+        deceleration, band = braking.BRAKING * settings.max_acceleration, settings.dead_band_linear
+        rate = (
+            braking.braked(way, goal, gain=rate, deceleration=deceleration, dead_band=band) / way
+        )
     return rate / goal.motion.slope.value
 
 
@@ -371,20 +370,6 @@ def _brakes(goal: GoalEstimate, settings: DriveSettings) -> bool:
     law = settings.options
     known = law.slope_gain and goal.motion.slope.value > 0.0
     return known and law.speed_ramps and not settings.derives
-
-
-def _braked_rate(rate: float, way: float, goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return the speed over the ``way`` left [1/s] that brakes in time, near its end that rate."""
-    if way == 0.0:
-        return rate
-    deceleration, band = braking.BRAKING * settings.max_acceleration, settings.dead_band_linear
-    return braking.braked(way, goal, gain=rate, deceleration=deceleration, dead_band=band) / way
-
-
-def _damped_rate(goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return the rate [1/s] that is critically damped under the delay of the loop."""
-    delay = felt_latency(settings) + (goal.period if goal.period > 0.0 else 0.0)
-    return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 
 def _is_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
@@ -400,7 +385,7 @@ MATCHING_FEATURES = PhaseRow(
     command=_match,
     is_settled=_is_matched,
     is_close=partial(arrival.is_matched, spent=True),
-    begin=_with_gains,
+    begin=with_gains_of_now,
 )
 
 
@@ -433,7 +418,10 @@ def transitions_by(drive: Phase) -> dict[tuple[Phase, Event], Phase]:
 
 
 TWO_STEPS = StateMachine(
-    (*STANDING, ORIENTING, RETREATING, DISPLACING, ZEROING_EPIPOLES, MATCHING_FEATURES),
+    (
+        *(WAITING, HOLDING, ARRIVED, FAILED, ORIENTING, RETREATING),
+        *(DISPLACING, ZEROING_EPIPOLES, MATCHING_FEATURES),
+    ),
     {
         **transitions_by(Phase.DISPLACING),
         (Phase.RETREATING, Event.ALIGNED): Phase.MATCHING_FEATURES,
