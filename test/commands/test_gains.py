@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.laws.gains import (
     longest_matching,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import from_mapping, range_of
+from visual_servo_epipolar.core.settings import range_of, updated
 
 CASE = ['--farthest', '12', '--nearest', '2', '--rate', '11', '--latency', '0.09']
 CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.09)
@@ -46,7 +46,7 @@ def test_the_lines_to_paste_are_settings_of_the_servo(capsys: pytest.CaptureFixt
     assert main(['gains', *CASE]) == 0
     text = capsys.readouterr().out.partition('\n\n')[2]
     values = yaml.safe_load(text)['/**']['ros__parameters']
-    settings, gains = from_mapping(ServoSettings, values, 'pasted'), derive(CIRCUMSTANCES)
+    settings, gains = updated(ServoSettings(), values, 'pasted'), derive(CIRCUMSTANCES)
     assert settings.k2 == pytest.approx(gains.k2, rel=1e-5)
     assert settings.exponent == pytest.approx(gains.exponent, rel=1e-5)
     assert settings.initial_distance == 12.0
@@ -57,7 +57,7 @@ def test_a_gain_beyond_what_the_servo_takes_says_so(capsys: pytest.CaptureFixtur
     assert main(['gains', '--rate', '200', '--nearest', '8', '--deceleration', '20']) == 0
     text = capsys.readouterr().out.partition('\n\n')[2]
     assert 'k2: 5.0  # derived: 10.0' in text
-    from_mapping(ServoSettings, yaml.safe_load(text)['/**']['ros__parameters'], 'pasted')
+    updated(ServoSettings(), yaml.safe_load(text)['/**']['ros__parameters'], 'pasted')
 
 
 def test_the_document_has_everything(capsys: pytest.CaptureFixture) -> None:
@@ -102,7 +102,7 @@ def test_gains_that_are_too_slow_for_a_phase_are_a_warning(options, phase, remed
     again = capsys.readouterr()
     assert (again.err == '') == ('at most' not in remedy), again.err
     assert f'phase_timeout: {values["phase_timeout"]}' in again.out
-    from_mapping(ServoSettings, values, 'pasted')
+    updated(ServoSettings(), values, 'pasted')
 
 
 def test_gains_that_are_quick_enough_are_no_warning(capsys: pytest.CaptureFixture) -> None:

@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.registry import phase_words, sentence
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import from_mapping
+from visual_servo_epipolar.core.settings import updated
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages import event_log, read, settings_text, write
@@ -258,7 +258,7 @@ def test_settings_come_back_to_the_last_bit(gain: float, after: int | None) -> N
     text = settings_text.to_text('/a/servo_node', [settings], after)
     node_settings = settings_text.from_text(text)
     assert (node_settings.node, node_settings.after_stamp_ns) == ('/a/servo_node', after)
-    assert from_mapping(ServoSettings, node_settings.values, 'bag') == settings
+    assert updated(ServoSettings(), node_settings.values, 'bag') == settings
 
 
 def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_path) -> None:

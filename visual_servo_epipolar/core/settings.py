@@ -9,8 +9,7 @@ from typing import Any, ClassVar, TypeVar
 
 LARGEST = 2**63  # what YAML and ROS parameters hold
 ALIKE_FOR_SURE = 0.85  # ratio of difflib above which no other name is meant
-ALIKE = 3  # names suggested for an unknown one, at most
-MOST, MOST_KNOWN = 3, 20  # names in a message: unknown ones that are explained, and known ones
+MOST, MOST_KNOWN = 3, 20  # names in a message: unknown ones, or meant by one, and known ones
 MIN_PART, MIN_PREFIX = 3, 4  # letters that tell a name by a part of it, by its beginning
 
 SettingsT = TypeVar('SettingsT', bound='Settings')
@@ -114,9 +113,9 @@ def names_of(settings: Settings | type[Settings]) -> list[str]:
     return [*(item.name for item in fields(settings)), *settings.RENAMED, *settings.GONE]
 
 
-def from_mapping(kind: type[SettingsT], values: Mapping[str, Any], where: str) -> SettingsT:
+def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> SettingsT:
     """
-    Build settings of ``kind`` from a mapping as read from YAML.
+    Return ``settings`` with ``values`` in place, a mapping as read from YAML.
 
     Raises
     ------
@@ -124,11 +123,6 @@ def from_mapping(kind: type[SettingsT], values: Mapping[str, Any], where: str) -
         If a name is unknown, a type is wrong, or a value is out of range; says in ``where``.
 
     """
-    return updated(kind(), values, where)
-
-
-def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> SettingsT:
-    """Return ``settings`` with ``values`` in place; raises as from_mapping does."""
     if not isinstance(values, Mapping):
         raise ValueError(f'{where} must map names to values, got {values!r}; write "name: value"')
     values = _renamed(settings.RENAMED, values, where)
@@ -160,13 +154,13 @@ def alike(word: str, known: Sequence[str]) -> list[str]:
         return [word]
     close = get_close_matches(word, known, n=1, cutoff=ALIKE_FOR_SURE)
     if not close:
-        close = get_close_matches(word, known, n=ALIKE)
+        close = get_close_matches(word, known, n=MOST)
     if not close and len(word) >= MIN_PART:
         close = [name for name in known if word in name or name in word.split('_')]
         close = close or [name for name in known if name.startswith(word[:MIN_PREFIX])]
     if not close and len(word) <= MIN_PART:  # half of a short name may differ
-        close = get_close_matches(word, known, n=ALIKE, cutoff=0.5)
-    return close[:ALIKE]
+        close = get_close_matches(word, known, n=MOST, cutoff=0.5)
+    return close[:MOST]
 
 
 def _renamed(renamed: Mapping[str, str], values: Mapping[str, Any], where: str) -> dict[str, Any]:

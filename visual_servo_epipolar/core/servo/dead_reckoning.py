@@ -88,20 +88,19 @@ def reckon(
     known, leg = state.identified.extrinsics, state.law.leg
     if extrinsics is not None and extrinsics.believed != (known is not None and known.believed):
         leg = None
-    leg = _leg(leg, state.measurement, acted)
+    previous = state.measurement
+    if leg is not None and previous is not None and previous.bearings is not None:
+        leg = leg.extended(previous.bearings, acted.twist.linear * acted.dt)
+    # The most that was driven backward since the last image: commands act late.
+    fastest = max(-state.twist.linear, -state.motion.last_linear, 0.0)
+    backward = fastest * (acted.dt or usual_step(state.view.period))
     return leg, replace(
         state.motion,
         distance=_distance(state, acted, settings),
         slope=_slope(state, measurement, acted),
         last_linear=state.twist.linear,
-        reversed=state.motion.reversed + _backward(state, acted.dt),
+        reversed=state.motion.reversed + backward,
     )
-
-
-def _backward(state: ServoState, dt: float) -> float:
-    """Return the most that was driven backward since the last image [m]: commands act late."""
-    fastest = max(-state.twist.linear, -state.motion.last_linear, 0.0)
-    return fastest * (dt or usual_step(state.view.period))
 
 
 def _distance(state: ServoState, acted: Actuation, settings: ServoSettings) -> float:
@@ -116,13 +115,6 @@ def _distance(state: ServoState, acted: Actuation, settings: ServoSettings) -> f
         acted.twist.linear, previous.bearings.epipole_current, sigma=previous.bearings.sigma
     )
     return max(state.motion.distance + rate * acted.dt, settings.min_distance)
-
-
-def _leg(leg: Leg | None, previous: Measurement | None, acted: Actuation) -> Leg | None:
-    """Return the ``leg`` extended by what acted since the ``previous`` image."""
-    if leg is None or previous is None or previous.bearings is None:
-        return leg
-    return leg.extended(previous.bearings, acted.twist.linear * acted.dt)
 
 
 def _slope(state: ServoState, measurement: Measurement, acted: Actuation) -> Slope:

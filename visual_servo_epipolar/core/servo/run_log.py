@@ -1,7 +1,7 @@
 """Run log: the record of one run, from which figures, files, sweeps and the verdict are made."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import groupby, pairwise
 import math
 from typing import Any
@@ -14,9 +14,8 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 BESIDE = 0.65  # bearing off the goal's axis: no way straight ahead keeps it in view [rad]
 MOST_TURNED = 0.5  # heading error with which a robot beside the goal moves aside at most [rad]
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
-# A robot stands on its way below this speed [m/s], for longer than a cusp takes [s], farther
-# from its last place than this [m].
-STANDING, LEAST_STANDSTILL_S, ENDING_M = 0.01, 0.3, 0.01
+# A robot stands on its way for longer than a cusp takes [s], farther from its last place [m].
+LEAST_STANDSTILL_S, ENDING_M = 0.3, 0.01
 AT_GOAL_M = 0.02  # a robot this near the goal has arrived, for whoever watches it
 WRONG_M, WRONG_DEG = 0.05, 2.0  # an arrival farther off is wrong, and the robot does not say so
 LEAST_REVERSED = {'v': 0.01, 'w': 0.05}  # slower commands are no motion to and fro [m/s, rad/s]
@@ -128,14 +127,10 @@ def seconds(log: RunLog) -> list[float]:
 def phase_spans(log: RunLog) -> list[PhaseSpan]:
     """Return the spans of the phases of a run, one after the other."""
     times = seconds(log)
-    spans: list[PhaseSpan] = []
-    for time, sample in zip(times, log.samples, strict=True):
-        if spans and spans[-1].name == sample.phase.value:
-            continue
-        if spans:
-            spans[-1] = PhaseSpan(spans[-1].name, spans[-1].start_s, time)
-        spans.append(PhaseSpan(sample.phase.value, time, times[-1]))
-    return spans
+    words = [(sample.phase.value, time) for sample, time in zip(log.samples, times, strict=True)]
+    starts = [next(group) for _, group in groupby(words, key=lambda each: each[0])]
+    ends = [*(time for _, time in starts[1:]), times[-1]]
+    return [PhaseSpan(*start, end) for start, end in zip(starts, ends, strict=True)]
 
 
 def end_s(log: RunLog) -> float:
@@ -160,17 +155,14 @@ def summarise(log: RunLog) -> dict[str, Any]:
         'longitudinal_error_m': final.y,
         'heading_error_deg': math.degrees(final.heading_error),
         'duration_s': seconds(log)[-1],
-        'path_length_m': _path_length(poses),
+        'path_length_m': sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(poses)),
         'max_distance_ratio': max(p.distance for p in poses) / distance_0 if distance_0 else None,
         'min_visible_features': min(
             (sample.features for sample in log.samples if sample.phase not in idle), default=0
         ),
         'max_linear_speed': max(abs(sample.twist.linear) for sample in log.samples),
         'max_angular_speed': max(abs(sample.twist.angular) for sample in log.samples),
-        'phases': [
-            {'name': span.name, 'start_s': span.start_s, 'end_s': span.end_s}
-            for span in phase_spans(log)
-        ],
+        'phases': [asdict(span) for span in phase_spans(log)],
         'attempts': log.attempts,
         **_smoothness(log),
     }
@@ -214,7 +206,7 @@ def standstills(log: RunLog) -> int:
     def stands(index: int) -> bool:
         sample = log.samples[index]
         away = math.hypot(sample.pose.x - final.x, sample.pose.y - final.y) > ENDING_M
-        return away and sample.phase.runs and abs(sample.twist.linear) < STANDING
+        return away and sample.phase.runs and abs(sample.twist.linear) < LEAST_REVERSED['v']
 
     spans = [list(span) for stood, span in groupby(range(len(times)), stands) if stood]
     return sum(times[span[-1]] - times[span[0]] >= LEAST_STANDSTILL_S for span in spans)
@@ -252,8 +244,3 @@ def _peak_jerk(times: Sequence[float], speeds: Sequence[float]) -> float:
     return max(
         (abs(b - a) / (later - now) for (now, a), (later, b) in pairwise(rates)), default=0.0
     )
-
-
-def _path_length(poses: Sequence[Pose]) -> float:
-    """Return the length of the polyline through ``poses`` [m]."""
-    return sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in zip(poses, poses[1:], strict=False))

@@ -49,11 +49,12 @@ def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:
 
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
-    rest, goal = state.settling.rest, state.measurement
-    if rest is not None or goal is None:
-        ends = _may_end(state, settings)
-        return rest is not None and ends and _is_settled(rest, state, settings)
-    if not _is_settled(goal, state, settings):
+    settling, goal = state.settling, state.measurement
+    if (rest := settling.rest) is not None:
+        # Where it swings, its own mean may end the phase, or the one before a move.
+        tells = settling.scatter > 0.0 or _has_measured(state, settings)
+        return (tells or not settling.swing_s) and _is_settled(rest, state, settings)
+    if goal is None or not _is_settled(goal, state, settings):
         return False
     # Commands that have not acted yet must not lead away again.
     ahead = predicted(goal, state.phase, settings)
@@ -73,13 +74,6 @@ def is_close(state: ServoState, settings: ServoSettings) -> bool:
     return goal is not None and row_of(state, settings).is_close(goal, state, settings)
 
 
-def _time_at_goal(state: ServoState, dt: float) -> float:
-    """Return for how long the robot has been so near the goal that it is to end soon [s]."""
-    goal = state.measurement
-    near = goal and goal.offset is not None and math.hypot(*goal.offset) <= AT_GOAL_M
-    return state.settling.time_at_goal + dt if near else 0.0
-
-
 def settle(
     state: ServoState,
     observation: Observation | None,
@@ -93,10 +87,12 @@ def settle(
     if not (state.phase.drives and dt):  # it may have been moved, and commands be withdrawn
         state = state.changed(stood=None)
     state = _with_dead_band_of_move(state, settings)
-    state = state.changed(time_at_goal=_time_at_goal(state, dt))
+    measurement = state.measurement
+    offset = None if measurement is None else measurement.offset
+    near = offset is not None and math.hypot(*offset) <= AT_GOAL_M  # so that it is to end soon
+    state = state.changed(time_at_goal=state.settling.time_at_goal + dt if near else 0.0)
     if is_close(state, settings):
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
-    measurement = state.measurement
     if measurement is None or not is_settled(state, settings):
         return state.changed(settled=0) if state.settling.settled else state
     if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
@@ -226,12 +222,6 @@ def _has_measured(state: ServoState, settings: ServoSettings) -> bool:
     rested, swings = state.settling.rested, 4.0 * state.settling.swing_s
     lasted = rested * usual_step(state.view.period)
     return rested >= settings.arrival_frames and lasted >= min(swings, STAND_S)
-
-
-def _may_end(state: ServoState, settings: ServoSettings) -> bool:
-    """Return whether a stand may end the phase: its own mean tells, or the one before a move."""
-    settling = state.settling
-    return not settling.swing_s or settling.scatter > 0.0 or _has_measured(state, settings)
 
 
 def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> ServoState:
@@ -383,11 +373,6 @@ def _ramp(acceleration: float, jerk: float, state: ServoState) -> float:
     return frame_s * (min(acceleration, jerk * frame_s / 3.0) if jerk else acceleration)
 
 
-def _fastest(aim: Aim, now: float) -> float:
-    """Return the fastest pulse after the velocity of ``now``: a ramp above the dead band."""
-    return min(max(aim.threshold, abs(now)) + aim.ramp, max(aim.limit, aim.threshold))
-
-
 def _hops(moving: float, threshold: float) -> int:
     """Return how many pulses of at least the ``threshold`` add up to ``moving``."""
     return math.floor(abs(moving) / threshold * (1.0 + ROUNDING))
@@ -397,7 +382,8 @@ def _next_pulse(
     aim: Aim, moving: float, now: float, state: ServoState, settings: ServoSettings
 ) -> tuple[float, float]:
     """Return the pulse after that of ``now`` of a move with ``moving`` left, and the rest."""
-    most = _fastest(aim, now)
+    # A ramp above the dead band.
+    most = min(max(aim.threshold, abs(now)) + aim.ramp, max(aim.limit, aim.threshold))
     if not _moves(moving, aim.threshold):  # the last one is over
         # What the mean may be wrong by is no reason to move.
         measured = _has_measured(state, settings) and aim.error <= aim.bound

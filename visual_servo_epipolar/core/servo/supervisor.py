@@ -54,8 +54,9 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.NOTHING
     if has_timed_out(state, goal, settings):
         return Event.TIMED_OUT
-    if state.check.trouble:
-        return _disobeyed(state)
+    if state.check.trouble:  # motion contradicts the commands: hold, or end where it recurs
+        held = Event.LOST if phase.drives else Event.NOTHING
+        return Event.DISOBEYED if state.check.is_final else held
     if sees_too_little(goal, settings):
         return Event.LOST if phase.drives else Event.NOTHING
     if excursion_limit(goal, state, settings):
@@ -65,13 +66,6 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     event = row_of(state, settings).classify(goal, state, settings)
     straight_on = settings.machine.next_phase(phase, event).straight
     return Event.LOST if straight_on and not math.isfinite(goal.difference) else event
-
-
-def _disobeyed(state: ServoState) -> Event:
-    """Return the event of a motion that contradicts the commands: hold, or end where it recurs."""
-    if state.check.is_final:
-        return Event.DISOBEYED
-    return Event.LOST if state.phase.drives else Event.NOTHING
 
 
 def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
@@ -261,7 +255,9 @@ def advance(
     state = check_motion(state, perception.observation, dt, settings)
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.EXCURSION):
-        state, event = _held(state, leapt)
+        event = Event.LOST if state.phase.drives else Event.NOTHING
+        if state.phase.drives and state.measurement is not None:
+            state = state.changed(measurement=replace(state.measurement, reason=leapt))
     state, event = check_lens(state, perception.observation, event, settings)
     if state.measurement is not None:
         state = switch_phase(state, state.measurement, event, settings)
@@ -303,13 +299,6 @@ def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> 
     if not math.isnan(since_command):
         dt = min(dt, since_command + LATE_S)
     return Limiter(last).ramp_step(dt, usual_s)
-
-
-def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
-    """Return state and event of an image whose stamp leaps: hold if driving."""
-    if not state.phase.drives or state.measurement is None:
-        return state, Event.NOTHING
-    return state.changed(measurement=replace(state.measurement, reason=leapt)), Event.LOST
 
 
 def _limited(

@@ -31,9 +31,14 @@ def telemetry(state: ServoState) -> dict[str, float]:
     measurement, memory = state.measurement, state.view.memory
     if measurement is None or memory is None:
         raise ValueError('there is no telemetry before the first tracks; step the servo first')
+    pose = state.identified.odometry.pose
+    wheels = (math.nan,) * 3 if pose is None else (pose.x, pose.y, pose.theta)
+    readout, readout_deviation = memory.shutter.estimate
     return {
         **_epipoles(measurement),
-        **_covariance(measurement),
+        'psi_variance_rad2': float(measurement.covariance[0, 0]),
+        'phi_variance_rad2': float(measurement.covariance[1, 1]),
+        'psi_phi_covariance_rad2': float(measurement.covariance[0, 1]),
         **_features(measurement, memory),
         'distance_estimate_m': _distance(state, measurement),
         'linear_m_s': state.twist.linear,
@@ -49,27 +54,18 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'dead_band_linear_m_s': state.identified.dead_band.linear.value,
         'dead_band_angular_rad_s': state.identified.dead_band.angular.value,
         'delay_s': state.identified.delay.value,
-        **_odometry(state.identified.odometry.pose),
-        **_joints(state.view.joints),
-        **_readout(memory),
+        # The pose of the wheels at the image, in their own frame, and the angles of the head.
+        **dict(zip(ODOMETRY, wheels, strict=True)),
+        **dict(zip(JOINTS, state.view.joints or (math.nan,) * 2, strict=True)),
+        'readout_s': readout,
+        'readout_deviation_s': readout_deviation,
     }
-
-
-def _odometry(pose: Pose | None) -> dict[str, float]:
-    """Return the pose of the wheels at the image, in their own frame."""
-    values = (math.nan,) * 3 if pose is None else (pose.x, pose.y, pose.theta)
-    return dict(zip(ODOMETRY, values, strict=True))
 
 
 def odometry_of(values: Mapping[str, float]) -> Pose | None:
     """Return the pose of the wheels that a telemetry has; None without one."""
     x, y, theta = (values.get(name, math.nan) for name in ODOMETRY)
     return None if math.isnan(x + y + theta) else Pose(x, y, theta)
-
-
-def _joints(joints: Joints | None) -> dict[str, float]:
-    """Return the angles of the head at the image."""
-    return dict(zip(JOINTS, (math.nan,) * 2 if joints is None else joints, strict=True))
 
 
 def joints_of(values: Mapping[str, float]) -> Joints | None:
@@ -98,21 +94,6 @@ def _epipoles(measurement: Measurement) -> dict[str, float]:
         'sigma_confidence': measurement.confidence,
         'trusted': float(bearings is not None),
     }
-
-
-def _covariance(measurement: Measurement) -> dict[str, float]:
-    """Return the covariance of psi and phi."""
-    return {
-        'psi_variance_rad2': float(measurement.covariance[0, 0]),
-        'phi_variance_rad2': float(measurement.covariance[1, 1]),
-        'psi_phi_covariance_rad2': float(measurement.covariance[0, 1]),
-    }
-
-
-def _readout(memory: PerceptionMemory) -> dict[str, float]:
-    """Return the readout that images show, and its deviation."""
-    value, deviation = memory.shutter.estimate
-    return {'readout_s': value, 'readout_deviation_s': deviation}
 
 
 def _features(measurement: Measurement, memory: PerceptionMemory) -> dict[str, float]:
