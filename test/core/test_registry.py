@@ -29,22 +29,12 @@ def variants(monkeypatch: pytest.MonkeyPatch) -> Registry[float]:
     return Registry(GROUP, {'one': 1.0, 'two': 2.0}, float)
 
 
-def test_our_own_come_first_and_the_others_after_them(variants: Registry[float]) -> None:
+def test_our_own_come_first_and_cannot_be_replaced(variants: Registry[float]) -> None:
     assert list(variants) == ['one', 'two', 'broken', 'tau', 'word']
     assert len(variants) == 5
-
-
-def test_another_package_brings_a_variant(variants: Registry[float]) -> None:
-    assert 'tau' in variants
-    assert variants['tau'] == pytest.approx(6.283185307)
-
-
-def test_our_own_cannot_be_replaced(variants: Registry[float]) -> None:
     assert variants['one'] == 1.0
-
-
-def test_what_nobody_has_is_a_key_error(variants: Registry[float]) -> None:
-    assert 'three' not in variants
+    assert 'tau' in variants and 'three' not in variants
+    assert variants['tau'] == pytest.approx(6.283185307)
     with pytest.raises(KeyError):
         variants['three']
 

@@ -48,18 +48,20 @@ def test_it_can_always_stop_at_the_goal(way: float) -> None:
     assert 0.0 < speed <= math.sqrt(2.0 * 2.0 * SETTINGS.max_acceleration * way)
 
 
-def test_past_the_goal_it_comes_back() -> None:
+def test_past_the_goal_it_comes_back_and_without_bearings_or_memory_it_stands() -> None:
     assert command(known(0.0, 0.01)).linear < 0.0
+    assert command(sight(bearings=None)) == Twist(0.0, 0.0)
 
 
-def test_it_goes_slower_where_much_is_aside_but_does_not_stand() -> None:
-    near, askew = command(known(0.0, -0.15)), command(known(0.03, -0.15))
-    assert 0.02 < askew.linear < near.linear
-
-
-def test_it_goes_slower_where_bearings_are_uncertain_but_does_not_stand() -> None:
-    sure, unsure = command(known(0.0, -3.0)), command(known(0.0, -3.0, deviation=0.09))
-    assert 0.05 < unsure.linear < sure.linear
+@pytest.mark.parametrize(
+    ('usual', 'slower', 'least'),
+    [
+        (known(0.0, -0.15), known(0.03, -0.15), 0.02),  # much is aside
+        (known(0.0, -3.0), known(0.0, -3.0, deviation=0.09), 0.05),  # bearings are uncertain
+    ],
+)
+def test_it_goes_slower_in_doubt_but_does_not_stand(usual, slower, least: float) -> None:
+    assert least < command(slower).linear < command(usual).linear
 
 
 def test_at_the_goal_it_turns_to_its_heading_alone() -> None:
@@ -93,10 +95,6 @@ def test_a_robot_that_may_not_back_off_comes_in_at_a_speed_that_shows_what_is_as
     usual = asked(approach, STATE, on_axis, SETTINGS)
     assert asked(approach, unsure_of(3e-4), on_axis, final) == usual
     assert 0.02 < asked(approach, unsure_of(2.5e-3), on_axis, final).linear < 0.2 * usual.linear
-
-
-def test_without_bearings_or_memory_it_stands() -> None:
-    assert command(sight(bearings=None)) == Twist(0.0, 0.0)
 
 
 def test_backing_off_leads_towards_the_axis_within_the_view() -> None:

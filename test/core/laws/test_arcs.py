@@ -26,11 +26,8 @@ def missed(x: float, y: float, heading: float, bounds: Bounds = BOUNDS) -> float
     return float(misses(at(x, y, heading), heading, bounds)[0])
 
 
-def test_a_motion_along_the_axis_ends_at_the_goal() -> None:
+def test_a_motion_along_the_axis_ends_at_the_goal_and_an_offset_needs_its_way() -> None:
     assert missed(0.0, -2.0, 0.0) < 1e-6
-
-
-def test_an_offset_needs_its_way() -> None:
     # Two arcs of radius r move aside by x over a way of sqrt(4 r x - x^2) at least.
     least = math.sqrt(4.0 * 0.3 / 1.667 - 0.3**2)
     assert missed(0.3, -0.6 * least, 0.0) > 100.0
@@ -49,11 +46,8 @@ def test_the_mirrored_motion_misses_as_much(x: float, y: float, heading: float) 
 
 @given(floats(-1.2, 1.2), floats(-1.5, 0.5), floats(-0.25, 0.25))
 def test_after_the_way_back_one_motion_ends_at_the_goal(x, y, heading) -> None:
+    assert way_back((0.2, -2.0, 0.0), 0.0, BOUNDS).way == 0.0  # where there is no need
     backing = way_back((x, y, heading), 0.0, BOUNDS)
     assert abs(backing.curvature) <= BOUNDS.curvature
     there = moved(at(x, y, heading), np.array([-backing.way]), np.array([backing.curvature]))
     assert float(misses(there, heading, BOUNDS)[0]) <= 1.0
-
-
-def test_nobody_backs_off_without_need() -> None:
-    assert way_back((0.2, -2.0, 0.0), 0.0, BOUNDS).way == 0.0

@@ -32,7 +32,6 @@ from visual_servo_epipolar.core.laws.arrival import (
 )
 from visual_servo_epipolar.core.laws.conditions import (
     excursion_limit,
-    is_off_course,
     is_sideways,
 )
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -212,7 +211,7 @@ def test_step_1_is_given_up_later_than_it_is_not_begun(side: float) -> None:
         narrow = sight(bearings=behind(side * 0.3, -side * alpha), view_margins=(0.0, 0.0))
         other = sight(bearings=behind(side * 0.3, side * alpha), view_margins=(0.0, 0.0))
         found = [
-            (not is_sideways(item, SETTINGS), not is_off_course(item, SETTINGS))
+            (not is_sideways(item, SETTINGS), not is_sideways(item, SETTINGS, factor=1.0))
             for item in (narrow, other)
         ]
         assert max(found) == (begun, goes_on)

@@ -35,13 +35,9 @@ def test_what_is_lost_in_the_noise_is_on_no_side() -> None:
     assert not leads_away(sight(bearings=None), SETTINGS)
 
 
-@pytest.mark.parametrize('law', [{'law': 'paper'}, {'law': 'corrected'}, {'retreat': False}])
-def test_laws_that_may_lead_away_at_first_do(law) -> None:
+def test_a_law_that_may_lead_away_at_first_does_and_once_e_du_is_zero_a_turn_is_left() -> None:
     there = sight(bearings=behind(-0.06, 0.03))
-    assert not leads_away(there, replace(SETTINGS, **law))
-
-
-def test_once_e_du_is_zero_a_turn_is_left() -> None:
-    there = sight(bearings=behind(-0.06, 0.03))
+    for law in ({'law': 'paper'}, {'law': 'corrected'}, {'retreat': False}):
+        assert not leads_away(there, replace(SETTINGS, **law))
     latched = seeing(STATE, measurement=there, latched=True)
     assert classify(latched, replace(SETTINGS, latch_release=0.5)) is not Event.ESCAPED

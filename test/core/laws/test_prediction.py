@@ -84,13 +84,9 @@ def test_without_an_offset_bearings_turn_all_the_same() -> None:
 def test_who_obeys_soon_or_has_another_law_looks_not_ahead(settings) -> None:
     state = seen_from_here()
     assert ahead(state, settings) is state.measurement
+    assert ahead(state.changed(phase=Phase.HOLDING), LATE) is state.measurement  # it stands
     acted = actuation(state, state.measurement.stamp_ns + 10**8, 0.1, settings)
     assert (acted.twist, acted.longest) == (state.twist, state.twist)
-
-
-def test_who_stands_looks_not_ahead() -> None:
-    holding = seen_from_here().changed(phase=Phase.HOLDING)
-    assert ahead(holding, LATE) is holding.measurement
 
 
 def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:

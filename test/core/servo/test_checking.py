@@ -27,44 +27,29 @@ def seen(count: int) -> Observation:
 
 
 def test_a_metre_shows_the_part_of_the_parallax_that_it_is_of_the_distance() -> None:
-    measurement = sight(parallax=0.08)
-    near = parallax_of_way(
-        in_phase(Phase.RETREATING, distance=2.0),
-        goal(measurement, in_phase(Phase.RETREATING, distance=2.0)),
-        seen(20),
-        SETTINGS,
-    )
-    far = parallax_of_way(
-        in_phase(Phase.RETREATING, distance=80.0),
-        goal(measurement, in_phase(Phase.RETREATING, distance=80.0)),
-        seen(20),
-        SETTINGS,
-    )
+    near, far = shown(seen(20)), shown(seen(20), distance=80.0)
     assert near > 3.9 * far > 0.0  # a distance beyond initial_distance, 8 m, counts as that
+    # None is expected near the goal, or by no feature.
+    assert shown(seen(20), parallax=1e-4) == shown(seen(0), bearings=None) == 0.0
 
 
-def test_no_way_is_expected_to_be_seen_near_the_goal_or_by_no_feature() -> None:
-    state = in_phase(Phase.MATCHING_FEATURES, distance=2.0)
-    assert parallax_of_way(state, goal(sight(parallax=1e-4), state), seen(20), SETTINGS) == 0.0
-    carried = sight(parallax=0.08, bearings=None)
-    assert parallax_of_way(state, goal(carried, state), seen(0), SETTINGS) == 0.0
+def shown(seen: Observation, distance: float = 2.0, **changes: object) -> float:
+    """Return what a metre shows of parallax while the robot backs off [rad/m]."""
+    state = in_phase(Phase.RETREATING, distance=distance)
+    return parallax_of_way(
+        state, goal(sight(**{'parallax': 0.08, **changes}), state), seen, SETTINGS
+    )
 
 
 def test_from_afar_where_the_scene_looks_small_a_way_shows_less() -> None:
-    state, measurement = in_phase(Phase.RETREATING, distance=2.0), sight(parallax=0.08)
     across = np.linspace(-0.4, 0.4, 20)
     desired = normalised(np.column_stack([across, 0.1 * across, np.ones(20)]))
     current = normalised(np.column_stack([0.25 * across, 0.025 * across, np.ones(20)]))
-    shown = [
-        parallax_of_way(
-            state,
-            goal(measurement, state),
-            Observation(10**8, rays, desired, 769.0, ids=np.arange(20)),
-            SETTINGS,
-        )
+    near, far = (
+        shown(Observation(10**8, rays, desired, 769.0, ids=np.arange(20)))
         for rays in (desired, current)
-    ]
-    assert shown[1] < 0.3 * shown[0]
+    )
+    assert far < 0.3 * near
 
 
 def test_what_was_learnt_of_the_base_as_it_stood_survives_a_hold() -> None:

@@ -40,29 +40,25 @@ def test_a_heading_that_flickers_at_the_least_parallax_is_one_heading() -> None:
     assert frame < 150
 
 
-def test_what_bearings_show_holds_for_the_images_after_it() -> None:
-    state = then(in_phase(Phase.ORIENTING), with_bearings(1, 0.05))
-    state = then(state, without(2, 0.03))
-    assert state.measurement is not None
-    assert state.measurement.heading_error == pytest.approx(0.03)
-
-
-def test_bearings_that_are_noisy_are_averaged() -> None:
-    state = then(in_phase(Phase.ORIENTING), with_bearings(1, 0.05))
-    noisy = replace(with_bearings(2, 0.05), heading_error=0.06)
-    assert then(state, noisy).measurement.heading_error == pytest.approx(0.052)  # type: ignore[union-attr]
-
-
-def test_until_bearings_show_it_the_rotation_is_believed() -> None:
-    state = then(in_phase(Phase.ORIENTING), without(1, 0.05))
-    assert state.measurement is not None
-    assert state.measurement.heading_error == pytest.approx(0.05 - BIAS)
+@pytest.mark.parametrize(
+    ('sights', 'heading'),
+    [
+        ([with_bearings(1, 0.05), without(2, 0.03)], 0.03),  # it holds for the images after it
+        # Bearings that are noisy are averaged.
+        ([with_bearings(1, 0.05), replace(with_bearings(2, 0.05), heading_error=0.06)], 0.052),
+        ([without(1, 0.05)], 0.05 - BIAS),  # until bearings show it the rotation is believed
+    ],
+)
+def test_what_bearings_show_of_the_rotation_counts(sights, heading) -> None:
+    state = in_phase(Phase.ORIENTING)
+    for seen in sights:
+        state = then(state, seen)
+    assert state.measurement.heading_error == pytest.approx(heading)
 
 
 def test_another_phase_measures_for_itself() -> None:
     state = in_phase(Phase.MATCHING_FEATURES, rotation_bias=0.5)
     state = then(state, without(1, 0.05))
-    assert state.measurement is not None
     assert state.measurement.heading_error == pytest.approx(0.05 - BIAS)
     assert math.isnan(state.view.rotation_bias)
 
