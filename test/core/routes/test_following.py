@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from routes import key_view, route_of
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -29,7 +29,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 SETTINGS = FollowSettings()
 LIMITS = replace(ServoSettings().drive.limits, max_linear=0.5, max_angular=1.0)
 BASE = base_of(ServoSettings().base, LIMITS)
-WAY = np.linspace(0.0, 2.0, 21)
+WAY, EXACT = np.linspace(0.0, 2.0, 21), np.full(3, 1e-3)
 
 
 def straight(heading: float) -> TaughtPath:
@@ -77,12 +77,12 @@ def test_the_gate_goes_by_the_deviations_across_the_path_and_of_the_turn(heading
     assert is_believed(beside(path, seen(heading, 0.0, 0.03, turning), 1.0))
     assert not is_believed(beside(path, seen(heading, 0.03, 0.0, turning), 1.0))
     # Long without a view, the base may have slipped.
-    exact = beside(path, seen(heading, 0.0, 0.0, np.full(3, 1e-3)), 1.0)
+    exact = beside(path, seen(heading, 0.0, 0.0, EXACT), 1.0)
     assert is_believed(exact, slip=0.03, variance=0.01**2)
 
 
 def test_a_rejected_view_is_reported_in_metres_and_radians() -> None:
-    measured = beside(straight(0.0), seen(0.0, -0.25, 0.125, np.full(3, 1e-3)), 1.0)
+    measured = beside(straight(0.0), seen(0.0, -0.25, 0.125, EXACT), 1.0)
     reason = sure(0.5).trouble(measured)
     assert '+0.500 m along the way, -0.250 m beside it and +0.125 rad off' in reason
 
@@ -105,12 +105,8 @@ def test_a_place_beyond_what_it_drives_is_not_believed(ahead, is_believed, monke
     follower.halt(0, unsent=False)
     follower.estimate.sent(0, Twist(0.5, 0.0))
     follower.stamp_ns = 100_000_000
-    place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
-
-    def locate(tracker: KeyViewTracker, image: Image, near: FloatArray) -> ViewPose:
-        return place._replace(pose=np.array([1.1 + ahead, 0.0, 0.0]))
-
-    monkeypatch.setattr(KeyViewTracker, 'locate', locate)
+    place = seen(0.0, 0.0, 0.0, EXACT)._replace(pose=np.array([1.1 + ahead, 0.0, 0.0]))
+    monkeypatch.setattr(KeyViewTracker, 'locate', lambda *_: place)
     progress = follower.step(follower.route.views[0].image, 300_000_000)
     assert bool(progress.inliers) is is_believed, follower.reason
     assert progress.way == pytest.approx(1.1 + ahead * is_believed)
@@ -118,7 +114,7 @@ def test_a_place_beyond_what_it_drives_is_not_believed(ahead, is_believed, monke
 
 def test_after_a_hold_the_robot_speeds_up_by_its_ramps(monkeypatch: pytest.MonkeyPatch) -> None:
     follower = follower_on(straight(0.0), key_view(0))
-    place = seen(0.0, 0.0, 0.0, np.full(3, 1e-3))
+    place = seen(0.0, 0.0, 0.0, EXACT)
     follower.stamp_ns = 0
     follower.halt(0, unsent=False)
     monkeypatch.setattr(KeyViewTracker, 'locate', lambda *_: place)
@@ -158,12 +154,8 @@ def driven(
     rng, it = np.random.default_rng(2), PathEstimate(0.0, 0.0)
     turn, offsets = 0.0, []
     for _ in range(round(5.0 / (abs(speed) * DT))):
-        see(
-            it,
-            offset + 1e-3 * rng.standard_normal(),
-            turn + 3e-4 * rng.standard_normal(),
-            curvature,
-        )
+        noise = [1e-3, 3e-4] * rng.standard_normal(2)
+        see(it, offset + noise[0], turn + noise[1], curvature)
         twist = steer(it.state, curvature, speed, SETTINGS)
         rate = twist.angular + twist.linear * (wheels - curvature)
         offset += twist.linear * math.sin(turn + 0.5 * rate * DT) * DT
@@ -186,24 +178,18 @@ def test_an_offset_fades_without_passing_the_path_far(speed: float) -> None:
     assert min(offsets) > -0.01
 
 
-def test_what_unequal_wheels_add_is_learnt() -> None:
-    offsets = driven(0.5, 0.0, wheels=0.03)  # 7.5 mm where it is not
-    assert abs(np.mean(offsets[-30:])) < 2e-3
-
-
-def test_an_arc_is_followed() -> None:
+def test_an_arc_is_followed_and_what_unequal_wheels_add_is_learnt() -> None:
     assert abs(np.array(driven(0.5, 0.0, curvature=0.9))[-30:]).max() < 4e-3
+    assert abs(np.mean(driven(0.5, 0.0, wheels=0.03)[-30:])) < 2e-3  # 7.5 mm where it is not
 
 
 def test_a_step_between_key_views_turns_the_robot_by_little() -> None:
-    it = PathEstimate(0.0, 0.0)
-    for _ in range(40):
-        see(it, 0.0)
+    it, turns = PathEstimate(0.0, 0.0), []
+    for offset in [*[0.0] * 40, 2e-3]:
         it.move(Twist(0.5, 0.0), DT)
-    before = steer(it.state, 0.0, 0.5, SETTINGS).angular
-    see(it, 2e-3)
-    after = steer(it.state, 0.0, 0.5, SETTINGS).angular
-    assert abs(after - before) < 0.05 * SETTINGS.max_turn_rate
+        see(it, offset)
+        turns.append(steer(it.state, 0.0, 0.5, SETTINGS).angular)
+    assert abs(turns[-1] - turns[-2]) < 0.05 * SETTINGS.max_turn_rate
 
 
 def test_it_can_stop_where_the_way_ends() -> None:

