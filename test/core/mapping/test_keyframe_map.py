@@ -152,7 +152,7 @@ def test_the_way_is_turned_as_the_camera_was(memory) -> None:
         np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2))
     )
     after, _ = turned.after(nothing, np.array([0.0, 1.0]))
-    assert after.places[0] - memory.places[0] == pytest.approx([-1.0, 0.0])  # facing left
+    assert after.place - memory.place == pytest.approx([-1.0, 0.0])  # facing left
 
 
 def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -> None:

@@ -99,8 +99,8 @@ def test_of_two_alike_the_one_with_fewer_features_goes() -> None:
 def test_a_keyframe_that_tells_the_noise_leaves_the_rays_of_the_photograph(drive, memory) -> None:
     before, noisier = memory.geometry, drive.observations(14)
     noisier = replace(noisier, noise=3.0 * noisier.noise)
-    places, pose = np.zeros((2, 2)), drive.views[14]
-    after = with_keyframe(before, noisier, places, pose, replace(SETTINGS, keyframes=99))
+    place, pose = np.zeros(2), drive.views[14]
+    after = with_keyframe(before, noisier, place, pose, replace(SETTINGS, keyframes=99))
     count = len(before.window.ids)
     rays = after.structure.rays[:, :count]
     assert (after.window.photograph_noise[:count] > before.window.photograph_noise).any()

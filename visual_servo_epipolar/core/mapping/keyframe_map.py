@@ -10,11 +10,10 @@ that are seen least are let go.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, ROUNDING
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, MIN_MATCHES
 from visual_servo_epipolar.core.mapping.factors import factors_of
 from visual_servo_epipolar.core.mapping.fitting import (
@@ -55,14 +54,6 @@ MIN_AGREEING = 5  # of features of the map that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 
 
-class PendingKeyframe(NamedTuple):
-    """View that was localized at a ``pose``, (5,); ``new`` of its features are not in the map."""
-
-    observations: FeatureObservations
-    pose: FloatArray
-    new: int
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Bootstrap:
     """
@@ -79,17 +70,17 @@ class Bootstrap:
     def with_view(
         self,
         observations: FeatureObservations,
-        places: FloatArray,
+        place: FloatArray,
         starts: Sequence[Start],
         most: int,
     ) -> 'Bootstrap':
-        """Return the bootstrap with a view more, at ``places``, (2, 2), by both motions."""
+        """Return the bootstrap with a view more, driven to a ``place``, (2,) [m]."""
         window, before = self.window, self.starts
         if len(window) >= MOST_VIEWS:
             window = window.without_view(0)
             before = tuple(each._replace(view=each.view - 1) for each in before if each.view > 0)
         here = tuple(start._replace(view=len(window)) for start in starts)
-        window = window.with_view(observations, *places)
+        window = window.with_view(observations, place)
         kept = kept_features(window, np.ones(len(window.ids), bool), most)
         window = window.of_features(kept)
         return Bootstrap(window, (*before, *here), observations, is_due=len(window) > 1)
@@ -101,23 +92,25 @@ class KeyframeMap:
     Map of keyframes and features; a new photograph needs a new map.
 
     ``mount`` is the belief of the camera's attitude; ``geometry`` that of the keyframes once there
-    is one, for which ``bootstrap`` collects views; ``places``, (2, 2), where
-    the camera is by the motion that counts and by the alternative [m]; ``pose``, (5,), that of the
-    last view. ``trial`` is the geometry with one more keyframe, half refined: the next view is
-    still localized without it. ``refused`` counts unsound trials in a row. ``pending`` is the last
-    view that was localized, until the map is updated with it: no localization waits for that.
+    is one, for which ``bootstrap`` collects views; ``place``, (2,), where the camera is by the
+    motion that counts, and ``ways``, (2,), how far it has driven by that and by the alternative
+    [m]; ``pose``, (5,), that of the last view. ``trial`` is the geometry with one more keyframe,
+    half refined: the next view is still localized without it. ``refused`` counts unsound trials in
+    a row. ``pending`` is what the last view showed that was localized, until the map is updated
+    with it: no localization waits for that.
     """
 
     mount: Attitude
     settings: MapSettings = MapSettings()
     geometry: Geometry | None = None
     bootstrap: Bootstrap = Bootstrap()
-    places: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
+    place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    ways: FloatArray = field(default_factory=lambda: np.zeros(2))
     pose: FloatArray | None = None
     trial: Geometry | None = None
     refused: int = 0
     shrinkage: Shrinkage = NOTHING
-    pending: PendingKeyframe | None = None
+    pending: FeatureObservations | None = None
 
     @property
     def window(self) -> KeyframeWindow:
@@ -127,8 +120,12 @@ class KeyframeMap:
     def with_alternative(self, settings: MapSettings) -> 'KeyframeMap':
         """Return the same map by the alternative motion: at another scale."""
         before = self.update_map()
-        window = before.window.with_alternative
-        other = replace(before, settings=settings, trial=None, places=before.places[::-1])
+        way, other_way = before.ways.tolist()
+        longer = other_way / way if min(way, other_way) > ROUNDING else 1.0
+        driven_places = longer * before.window.driven_places
+        window = replace(before.window, driven_places=driven_places)
+        place, ways = longer * before.place, before.ways[::-1]
+        other = replace(before, settings=settings, trial=None, place=place, ways=ways)
         if before.geometry is None:
             return replace(other, bootstrap=replace(before.bootstrap, window=window))
         geometry, ratio = rescale(before.geometry, window, settings)
@@ -150,9 +147,7 @@ class KeyframeMap:
     @property
     def wrong(self) -> tuple[int, ...]:
         """The ids of wrong matches, of the features of the map."""
-        if self.geometry is None:
-            return ()
-        return tuple(self.geometry.wrong.tolist())
+        return () if self.geometry is None else tuple(self.geometry.wrong.tolist())
 
     def after(
         self,
@@ -177,9 +172,13 @@ class KeyframeMap:
         """
         before = self.update_map()
         heading = 0.0 if before.pose is None else float(before.pose[2])
-        way = _turned(np.zeros(2) if motion is None else motion, heading)
-        other = way if alternative_motion is None else _turned(alternative_motion, heading)
-        after = replace(before, places=before.places + [way, other])
+        motion = np.zeros(2) if motion is None else motion
+        other = motion if alternative_motion is None else alternative_motion
+        after = replace(
+            before,
+            place=before.place + _turned(motion, heading),
+            ways=before.ways + np.hypot(*np.transpose([motion, other])),
+        )
         if after.geometry is not None:
             return after._localize(after.geometry, observations, learns)
         if learns and bearings and len(observations) >= MIN_MATCHES:
@@ -190,8 +189,8 @@ class KeyframeMap:
         """Return the map with what the last view adds: the first geometry, or a better one."""
         if self.bootstrap.is_due:
             after = self._initialize()
-        elif self.pending is not None and self.geometry is not None:
-            after = replace(self, pending=None)._with_keyframe(self.geometry, self.pending)
+        elif self.pending is not None and self.geometry is not None and self.pose is not None:
+            after = replace(self, pending=None)._updated(self.geometry, self.pending, self.pose)
         else:
             return self
         if after.geometry is not None:
@@ -207,7 +206,7 @@ class KeyframeMap:
         if last is None or differ_in_place(last, observations):
             starts = [Start(0, each, attitude) for each in bearings]
             most = self.settings.features
-            bootstrap = bootstrap.with_view(observations, self.places, starts, most)
+            bootstrap = bootstrap.with_view(observations, self.place, starts, most)
         return replace(self, pose=pose, bootstrap=bootstrap)
 
     def _initialize(self) -> 'KeyframeMap':
@@ -237,31 +236,27 @@ class KeyframeMap:
             return self, None
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         found = resect(geometry, anchors, seen, fit, shrinkage)
-        new = int((rows < 0).sum())
         after = replace(
             self,
             pose=found.pose,
             shrinkage=found.shrinkage,
-            pending=PendingKeyframe(observations, found.pose, new) if learns else None,
+            pending=observations if learns else None,
         )
         known[known] = found.inliers
         return after, MapLocalization(
             found.pose, found.covariance, found.own, geometry, known, found.shift
         )
 
-    def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
-        """Return the map with the view as a keyframe where it is one, or refined."""
-        settings, observations, pose = self.settings, view.observations, view.pose
+    def _updated(
+        self, geometry: Geometry, observations: FeatureObservations, pose: FloatArray
+    ) -> 'KeyframeMap':
+        """Return the map with a view at ``pose`` as a keyframe where it is one, or refined."""
+        settings, count = self.settings, len(observations)
         if self.trial is not None:
             return self._with_trial(self.trial)
-        if is_keyframe(
-            geometry,
-            pose,
-            observations=len(observations),
-            new=view.new,
-            settings=settings,
-        ):
-            start = with_keyframe(geometry, observations, self.places, pose, settings)
+        new = int((geometry.window.rows_of(observations.ids) < 0).sum())
+        if is_keyframe(geometry, pose, observations=count, new=new, settings=settings):
+            start = with_keyframe(geometry, observations, self.place, pose, settings)
             return replace(self, trial=refine(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self
@@ -277,7 +272,7 @@ class KeyframeMap:
             return replace(self, geometry=trial, trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
             return replace(self, trial=None, refused=self.refused + 1)
-        return KeyframeMap(self.mount, self.settings, places=self.places)
+        return KeyframeMap(self.mount, self.settings, place=self.place, ways=self.ways)
 
 
 def _turned(motion: FloatArray, heading: float) -> FloatArray:
@@ -334,13 +329,13 @@ def kept_features(window: KeyframeWindow, trusted: BoolArray, most: int) -> Bool
 def with_keyframe(
     geometry: Geometry,
     observations: FeatureObservations,
-    places: FloatArray,
+    place: FloatArray,
     pose: FloatArray,
     settings: MapSettings,
 ) -> Evaluation:
     """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
     before, trusted = geometry.unknowns, geometry.trusted
-    window = geometry.window.with_view(observations, *places)
+    window = geometry.window.with_view(observations, place)
     more = len(window.ids) - len(trusted)
     rescaled = geometry.window.photograph_noise / window.photograph_noise[: len(trusted)]
     unknowns = Unknowns(

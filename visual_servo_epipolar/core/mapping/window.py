@@ -125,8 +125,8 @@ class KeyframeWindow:
 
     ``tangent_basis``, (K, 2, 3, N), holds two vectors across each ray, one over its noise long,
     where ``seen``, (K, N); ``photograph``, (N, 3), the photograph's rays and ``photograph_noise``,
-    (N,) [rad]. ``driven_places``, (K, 2), are the places of the views by the motion that counts,
-    ``alternative_places``, (K, 2), those by the alternative motion [m]; they tell the scale alone.
+    (N,) [rad]. ``driven_places``, (K, 2), are the places of the views by the motion that counts
+    [m]; they tell the scale alone.
     """
 
     ids: IntArray
@@ -136,7 +136,6 @@ class KeyframeWindow:
     rays: FloatArray
     seen: BoolArray
     driven_places: FloatArray
-    alternative_places: FloatArray
 
     def __len__(self) -> int:
         return len(self.driven_places)
@@ -164,21 +163,10 @@ class KeyframeWindow:
         order = np.argsort(self.ids, kind='stable')
         return order, self.ids[order]
 
-    @property
-    def with_alternative(self) -> 'KeyframeWindow':
-        """The same window by the alternative motion."""
-        return replace(
-            self, driven_places=self.alternative_places, alternative_places=self.driven_places
-        )
-
     def with_view(
-        self,
-        observations: FeatureObservations,
-        driven_places: FloatArray,
-        alternative_places: FloatArray | None = None,
+        self, observations: FeatureObservations, driven_place: FloatArray
     ) -> 'KeyframeWindow':
         """Return the window with one more keyframe, and with the features that are new in it."""
-        alternative_places = driven_places if alternative_places is None else alternative_places
         new = self.rows_of(observations.ids) < 0
         noise = np.concatenate([self.photograph_noise, observations.noise[new, 1]])
         wider = replace(
@@ -202,13 +190,12 @@ class KeyframeWindow:
             tangent_basis=np.concatenate([_widened(self.tangent_basis, count), tangent_basis]),
             rays=np.concatenate([_widened(self.rays, count), rays]),
             seen=np.concatenate([_widened(self.seen, count), seen]),
-            driven_places=np.concatenate([self.driven_places, driven_places[None]]),
-            alternative_places=np.concatenate([self.alternative_places, alternative_places[None]]),
+            driven_places=np.concatenate([self.driven_places, driven_place[None]]),
         )
 
     def without_view(self, k: int) -> 'KeyframeWindow':
         """Return the window without keyframe ``k``."""
-        names = 'tangent_basis', 'rays', 'seen', 'driven_places', 'alternative_places'
+        names = 'tangent_basis', 'rays', 'seen', 'driven_places'
         return replace(self, **{it: np.delete(getattr(self, it), k, axis=0) for it in names})
 
     def of_features(self, kept: BoolArray) -> 'KeyframeWindow':
@@ -237,7 +224,6 @@ EMPTY = KeyframeWindow(
     np.empty((0, 2, 3, 0)),
     np.empty((0, 3, 0)),
     np.empty((0, 0), bool),
-    np.empty((0, 2)),
     np.empty((0, 2)),
 )
 
