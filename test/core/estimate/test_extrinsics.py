@@ -4,26 +4,34 @@ from collections.abc import Iterator
 from dataclasses import replace
 import math
 
-from mounted import frames, NOISE, of_camera_axes, sight
+from hypothesis import assume, given
+from mounted import camera_pose, frames, NOISE, of_camera_axes, sight
 import numpy as np
 import pytest
+from strategies import angles, floats, poses
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import (
+    configured_extrinsics,
     Extrinsics,
     FAULT,
+    FORWARD,
     is_significant,
     LEAST_STEP,
+    moved,
     NEAR,
     placed,
+    PSI,
     ranged,
     RHO,
+    seen,
     UNCERTAIN,
     update_extrinsics,
     YAW,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
+from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 ON_AXLE = np.zeros(3)
@@ -35,10 +43,11 @@ MOUNTS = [
 ]
 
 
-def unknown(told: FloatArray = ON_AXLE) -> Extrinsics:
-    """Return what the default settings know of a mount that is ``told``."""
-    yaw, forward, left = told.tolist()
-    return ServoSettings(camera_yaw=yaw, camera_forward=forward, camera_left=left).extrinsics
+def unknown(told: FloatArray = ON_AXLE, **known: float) -> Extrinsics:
+    """Return what settings know of a mount that is ``told``."""
+    mount = dict(zip(('yaw', 'forward', 'left'), told.tolist(), strict=True))
+    mount = {f'camera_{name}': value for name, value in {**mount, **known}.items()}
+    return ServoSettings(**mount).extrinsics
 
 
 def beliefs(
@@ -51,19 +60,12 @@ def beliefs(
 
 
 def test_what_is_told_is_where_learning_begins() -> None:
-    settings = ServoSettings(
-        camera_yaw=0.1,
-        camera_forward=0.2,
-        camera_left=-0.3,
-        camera_yaw_deviation=0.01,
-        camera_forward_deviation=0.02,
-        camera_left_deviation=0.03,
-    )
+    known = {'yaw_deviation': 0.01, 'forward_deviation': 0.02, 'left_deviation': 0.03}
+    begun = unknown(np.array([0.1, 0.2, -0.3]), **known)
     told = of_camera_axes(np.array([0.1, 0.2, -0.3]))
-    np.testing.assert_allclose(settings.extrinsics.mount, told)
-    np.testing.assert_allclose(settings.extrinsics.mean[YAW:], told)
-    deviations = np.sqrt(settings.extrinsics.covariance.diagonal()[YAW:])
-    np.testing.assert_allclose(deviations, [0.01, 0.02, 0.03])
+    np.testing.assert_allclose(begun.mount, told)
+    np.testing.assert_allclose(begun.mean[YAW:], told)
+    np.testing.assert_allclose(np.sqrt(begun.covariance.diagonal()[YAW:]), list(known.values()))
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -86,15 +88,11 @@ def test_a_camera_on_the_axle_is_left_there(seed: int, missed: bool) -> None:
     np.testing.assert_array_equal(learning[-1][0].mount, ON_AXLE)
 
 
-@pytest.mark.parametrize('mount', MOUNTS)
-def test_a_mount_that_is_told_right_is_left_as_told(mount: FloatArray) -> None:
+@pytest.mark.parametrize('mount', [ON_AXLE, *MOUNTS])
+def test_a_mount_that_is_told_right_is_left_and_none_contradicts_commands(mount) -> None:
     *_, (belief, _) = beliefs(mount, unknown(mount))
     assert not belief.believed
     np.testing.assert_allclose(belief.mount, of_camera_axes(mount))
-
-
-@pytest.mark.parametrize('mount', [ON_AXLE, *MOUNTS])
-def test_bearings_that_commands_explain_never_contradict(mount: FloatArray) -> None:
     assert {belief.contradictions for belief, _ in beliefs(mount, unknown())} == {0}
 
 
@@ -116,9 +114,8 @@ def test_one_jump_is_forgiven_and_the_path_begins_anew() -> None:
     for number, (measurement, travel, _) in enumerate(frames(ON_AXLE)):
         if number >= JUMP:  # from here on another geometry, which is consistent
             assert measurement.bearings is not None
-            measurement = sight(
-                Bearings(measurement.bearings.psi + 0.8, measurement.bearings.phi + 0.8)
-            )
+            psi, phi = measurement.bearings.psi + 0.8, measurement.bearings.phi + 0.8
+            measurement = sight(Bearings(psi, phi))
         before, belief = belief, update_extrinsics(belief, measurement, travel, missed=False)
         if number == JUMP:
             assert belief.contradictions == 5
@@ -234,8 +231,8 @@ def test_before_one_of_two_geometries_is_left_no_mount_is_learnt() -> None:
     for measurement, travel, _ in frames(MOUNTS[0]):
         assert measurement.bearings is not None
         both = measurement.bearings, measurement.bearings.reversed()
-        seen = replace(measurement, rivals=both)
-        belief = update_extrinsics(belief, seen, travel, missed=True)
+        rivals = replace(measurement, rivals=both)
+        belief = update_extrinsics(belief, rivals, travel, missed=True)
     np.testing.assert_array_equal(belief.mean[YAW:], ON_AXLE)
 
 
@@ -309,3 +306,79 @@ def test_a_mount_that_cannot_be_is_forgotten_and_learnt_anew(at_fault, deviation
     if not kept:
         np.testing.assert_array_equal(after.mount, ON_AXLE)
         assert (after.placed, after.contradictions) == (True, 3 + FAULT)
+
+
+def moving(psi: float, rho: float, mount: FloatArray, heading: float, travel: float) -> Extrinsics:
+    """Return a belief that is about to move, with a covariance of full rank."""
+    root = np.random.default_rng(1).standard_normal((5, 5))
+    begun = configured_extrinsics(mount, np.full(3, 0.1))
+    mean, path = np.array([psi, rho, *mount]), {'heading': heading, 'travel': travel}
+    return replace(begun, mean=mean, covariance=root @ root.T, placed=True, **path)
+
+
+@given(
+    psi=angles(),
+    rho=floats(-0.5, 1.5),
+    yaw=floats(-0.5, 0.5),
+    forward=floats(-0.4, 0.4),
+    heading=floats(-0.5, 0.5),
+    turn=floats(-0.4, 0.4),
+    travel=floats(-0.3, 0.3),
+)
+def test_the_covariance_moves_by_its_slopes(psi, rho, yaw, forward, heading, turn, travel) -> None:
+    mount = np.array([yaw, forward, 0.1])
+    before = moving(psi, rho, mount, heading, travel)
+    after = moved(before, heading + turn)
+    assume(after.distance > 0.1)
+    step = 1e-6
+    columns = []
+    for k in range(5):
+        shift = step * np.eye(5)[k]
+        ends = [
+            moved(replace(before, mean=before.mean + side * shift), heading + turn).mean
+            for side in (1.0, -1.0)
+        ]
+        columns.append((ends[0] - ends[1]) / (2.0 * step))
+    jacobian = np.column_stack(columns)
+    # Whatever is added is noise of the path, which does not depend on the covariance.
+    noise = moved(replace(before, covariance=np.zeros((5, 5))), heading + turn).covariance
+    expected = jacobian @ before.covariance @ jacobian.T + noise
+    np.testing.assert_allclose(after.covariance, expected, rtol=1e-4, atol=1e-4)
+
+
+WAYS = floats(-0.5, 0.5).map(lambda travel: Twist(travel, 0.0))
+TURNS = floats(0.1, 0.8).map(lambda turn: Twist(0.0, turn))
+
+
+@given(poses(min_baseline=0.3), floats(-0.3, 0.3), floats(-0.3, 0.3), WAYS | TURNS)
+def test_moved_is_the_exact_path_of_the_camera(base, yaw, forward, twist) -> None:
+    mount = np.array([yaw, forward, 0.1])
+    camera = camera_pose(base, mount)
+    then = camera_pose(integrate(base, twist, 1.0), mount)
+    assume(min(camera.distance, then.distance) > 0.1)
+    first, last = Bearings.from_pose(camera), Bearings.from_pose(then)
+    axes, rho = of_camera_axes(mount), math.log(camera.distance)
+    belief = moving(first.psi, rho, axes, first.heading_error, twist.linear)
+    after = moved(belief, last.heading_error)
+    assert after.distance == pytest.approx(then.distance, rel=1e-9)
+    assert wrap_angle(float(after.mean[PSI]) - last.psi) == pytest.approx(0.0, abs=1e-9)
+
+
+@given(poses(min_baseline=0.3), floats(-1.0, 1.0), floats(-0.5, 0.5), floats(-0.5, 0.5))
+def test_the_bearings_of_the_camera_give_those_of_the_axle(base, yaw, forward, left) -> None:
+    mount = np.array([yaw, forward, left])
+    camera = camera_pose(base, mount)
+    assume(camera.distance > 0.05)
+    axle = at_axle(Bearings.from_pose(camera), of_camera_axes(mount), camera.distance)
+    true = Bearings.from_pose(base)
+    assert wrap_angle(axle.psi - true.psi) == pytest.approx(0.0, abs=1e-9)
+    assert wrap_angle(axle.phi - true.phi) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_bearing_makes_no_deviation_larger() -> None:
+    before = moving(-1.5, 1.0, np.array([0.0, 0.2, 0.0]), 0.0, 0.1)
+    after, innovation = seen(before, -1.4, NOISE)
+    assert innovation > 0.0
+    assert (after.covariance.diagonal() <= before.covariance.diagonal()).all()
+    assert after.mean[PSI] == pytest.approx(-1.4, abs=1e-3)
+    assert after.mean[FORWARD] != before.mean[FORWARD]

@@ -78,7 +78,6 @@ def test_it_says_what_it_is_by_and_why_it_has_no_bearings() -> None:
     assert estimate().source is Source.MEMORY
     assert estimate(carried=True).source is Source.CARRIED
     doubt = Reason.TILTED.of(4.0)
-    blind = goal_estimate(
-        replace(sight(), bearings=None, reason=doubt), None, MOUNTED, BaseModel()
-    )
+    unseen = sight(bearings=None, reason=doubt)
+    blind = goal_estimate(unseen, None, MOUNTED, BaseModel())
     assert (blind.source, blind.cause) == (Source.NOTHING, Reason.TILTED)

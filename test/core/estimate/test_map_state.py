@@ -3,10 +3,7 @@
 from dataclasses import replace
 import math
 
-from map_study import (
-    map_after_drive as after_drive,
-)
-from map_study import StudySettings, trial
+from map_study import map_after_drive, StudySettings, trial
 import numpy as np
 import pytest
 from servo_states import asked, goal, in_phase, reading
@@ -22,7 +19,10 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.laws.conditions import lateral_offset
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.refinement import Geometry
+from visual_servo_epipolar.core.mapping.window import FeatureObservations
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.rigs.rig import Command
@@ -30,7 +30,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import update
 from visual_servo_epipolar.core.twoview.measurement import Measurement
-from visual_servo_epipolar.core.twoview.memory import fresh_memory
+from visual_servo_epipolar.core.twoview.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
@@ -70,16 +70,21 @@ def test_no_memory_overrules_an_image_that_looks_another(pixels: float, seen: bo
     )
 
 
-@pytest.mark.parametrize(('away', 'deviation'), [(0.0, 1e-4), (0.01, 0.01), (ARRIVAL_OFFSET, 0.0)])
-def test_who_is_at_the_goal_by_the_memory_has_no_parallax(away: float, deviation: float) -> None:
-    there = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=1e-3)
-    assert not asked(has_parallax, ServoState(), there, SETTINGS)
-
-
-@pytest.mark.parametrize(('away', 'deviation'), [(0.003, 1e-3), (-0.01, 1e-3), (math.nan, 1e-3)])
-def test_who_is_not_has(away: float, deviation: float) -> None:
-    off = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=0.0)
-    assert asked(has_parallax, ServoState(), off, SETTINGS)
+@pytest.mark.parametrize(
+    ('away', 'deviation', 'parallax', 'expected'),
+    [
+        *((away, known, 1e-3, False) for away, known in [(0.0, 1e-4), (0.01, 0.01)]),
+        (ARRIVAL_OFFSET, 0.0, 1e-3, False),
+        *((away, 1e-3, 0.0, True) for away in (0.003, -0.01, math.nan)),
+    ],
+)
+def test_who_is_at_the_goal_by_the_memory_has_no_parallax_and_who_is_not_has(
+    away, deviation, parallax, expected
+) -> None:
+    there = replace(
+        measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=parallax
+    )
+    assert asked(has_parallax, ServoState(), there, SETTINGS) is expected
 
 
 def test_what_is_left_along_the_axis_is_no_reason_for_an_attempt_that_ends_as_the_last() -> None:
@@ -129,7 +134,7 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
 
 def test_a_wrong_match_has_no_part_in_d() -> None:
     drive = trial(StudySettings(), 3)
-    memory, seen = after_drive(drive), drive.observations(len(drive.views) - 1)
+    memory, seen = map_after_drive(drive), drive.observations(len(drive.views) - 1)
     observation = Observation(0, seen.current, seen.desired, 769.0, ids=seen.ids)
     _, said = memory.after(seen, learns=False)
     at = said.geometry.evaluation
@@ -144,18 +149,23 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
     assert slopes[0] == slopes[1] < 0.1 * slopes[3]
 
 
+def localized(
+    views: KeyframeMap, seen: FeatureObservations, memory: PerceptionMemory
+) -> tuple[MapState, MapLocalization | None]:
+    """Return the state of the map after a robot that stands has ``seen`` features."""
+    observation = Observation(0, seen.current, seen.desired, 769.0, ids=seen.ids)
+    perception = Perception(Measurement(0, len(seen), 769.0, 0.2), memory, observation=observation)
+    nowhere = OdometryIncrement(Motion(), Motion())
+    return localize(MapState(views), perception, nowhere, SETTINGS)
+
+
 def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
     drive = trial(StudySettings(), 3)  # ends near the goal
-    memory = after_drive(drive)
+    memory = map_after_drive(drive)
     seen = drive.observations(len(drive.views) - 1)
     few = seen.take(np.arange(len(seen)) % 7 == 0)
     assert memory.after(few, learns=False)[0].shrinkage != memory.shrinkage
-    observation = Observation(0, few.current, few.desired, 769.0, ids=few.ids)
-    perception = Perception(
-        Measurement(0, len(few), 769.0, 0.2), fresh_memory(SETTINGS), observation=observation
-    )
-    nowhere = OdometryIncrement(Motion(), Motion())
-    after, said = localize(MapState(memory), perception, nowhere, SETTINGS)
+    after, said = localized(memory, few, fresh_memory(SETTINGS))
     assert said is None
     assert after.views.shrinkage == memory.shrinkage
     assert after.views.pose is memory.pose
@@ -163,14 +173,11 @@ def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
 
 def test_a_floor_that_becomes_rough_keeps_the_map() -> None:
     drive = trial(StudySettings(), 3)
-    memory, last = after_drive(drive), len(drive.views) - 1
+    memory, last = map_after_drive(drive), len(drive.views) - 1
     seen = drive.observations(last)
-    observation = Observation(0, seen.current, seen.desired, 769.0, ids=seen.ids)
     known = fresh_memory(SETTINGS)
     bumpy = replace(known, attitude=replace(known.attitude, jitter=2.0 * memory.mount.jitter))
-    perception = Perception(Measurement(0, len(seen), 769.0, 0.2), bumpy, observation=observation)
-    nowhere = OdometryIncrement(Motion(), Motion())
-    after, said = localize(MapState(memory), perception, nowhere, SETTINGS)
+    after, said = localized(memory, seen, bumpy)
     assert after.views.mount.jitter == 2.0 * memory.mount.jitter
     assert said is not None
     off = math.hypot(said.lateral - drive.views[last, 0], said.longitudinal - drive.views[last, 1])

@@ -31,31 +31,21 @@ def noisy(place: FloatArray, rng: np.random.Generator) -> MapLocalization:
     return said(place + rng.normal(size=3) * np.sqrt(np.diag(OWN)[:3]))
 
 
-def test_views_of_a_robot_that_stands_average_out() -> None:
+@pytest.mark.parametrize('noise', [0.0, 3e-3])  # of a head's encoder [rad]
+def test_views_of_a_robot_that_stands_average_out(noise: float) -> None:
     rng, true, count = np.random.default_rng(1), np.array([0.001, -0.002, 0.0005]), 16
-    errors, place, now = [], None, said(true)
+    errors, now, encoder = [], said(true), np.random.default_rng(3)
     for _ in range(200):
         place = None
         for _ in range(count):
-            now, place = filter_pose(noisy(true, rng), place, STILL)
+            view = noisy(true + [0.0, 0.0, noise * encoder.normal()], rng)
+            now, place = filter_pose(with_heading_noise(view, noise), place, STILL)
         errors.append(now.pose[:3] - true)
-    expected = np.sqrt(np.diag(OWN)[:3] / count)
+    expected = np.sqrt((np.diag(OWN)[:3] + [0.0, 0.0, noise**2]) / count)
     assert np.std(errors, axis=0) == pytest.approx(expected, rel=0.25)
     assert np.sqrt(np.diag(now.own)[:3]) == pytest.approx(expected, rel=0.05)
     # What all views have in common stays.
     assert now.covariance - now.own == pytest.approx(COMMON, abs=1e-12)
-
-
-def test_headings_by_a_noisy_encoder_average_out_and_are_known_as_such() -> None:
-    rng, noise, errors, now = np.random.default_rng(3), 3e-3, [], said(np.zeros(3))
-    for _ in range(100):
-        place = None
-        for _ in range(16):
-            view = said(np.array([0.0, 0.0, noise * rng.normal()]))
-            now, place = filter_pose(with_heading_noise(view, noise), place, STILL)
-        errors.append(now.pose[2])
-    assert np.std(errors) == pytest.approx(noise / 4.0, rel=0.25)
-    assert math.sqrt(now.own[2, 2]) == pytest.approx(noise / 4.0, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -110,23 +100,21 @@ def test_a_way_to_the_side_that_lasts_is_learnt_and_views_average_on_the_way(sli
     assert np.mean(slips) == pytest.approx(slip, abs=0.005)
 
 
-def test_a_base_that_slows_down_is_not_taken_to_be_ahead() -> None:
-    """Commands count as they were sent; where they act at once, it drives less far by each."""
-    true, place, motion, way = np.array([0.0, -0.05, 0.0]), None, STILL, 0.02
-    for _ in range(16):
-        now, place = filter_pose(said(true), place, motion)
-        motion, way, last = Motion(way=way), 0.7 * way, true
-        true = true + [0.0, way, 0.0]
-    assert abs(now.pose[1] - last[1]) < 0.2e-3
-
-
-def test_a_base_that_obeys_late_leaves_no_error() -> None:
-    """It rolls on for half a second where the command is zero already."""
-    true = np.array([0.0, -0.01, 0.0])
-    _, place = filter_pose(said(true), None, Motion(way=0.01))
-    for rolls in (0.006, 0.004, 0.002, 0.001, 0.0, 0.0):
-        true = true + [0.0, rolls, 0.0]
-        now, place = filter_pose(said(true), place, STILL)
+@pytest.mark.parametrize(
+    ('begin', 'told', 'rolls'),
+    [
+        # Commands count as they were sent; where they act at once, it drives less far by each.
+        (0.0, [0.02 * 0.7**k for k in range(15)], [0.02 * 0.7**k for k in range(15)]),
+        (0.01, [0.0] * 6, [0.006, 0.004, 0.002, 0.001, 0.0, 0.0]),  # it rolls on, late
+    ],
+    ids=['it slows down', 'it obeys late'],
+)
+def test_a_base_that_slows_down_or_obeys_late_leaves_no_error(begin, told, rolls) -> None:
+    true = np.array([0.0, -0.05, 0.0])
+    now, place = filter_pose(said(true), None, Motion(way=begin))
+    for way, roll in zip(told, rolls, strict=True):
+        true = true + [0.0, roll, 0.0]
+        now, place = filter_pose(said(true), place, Motion(way=way))
     assert abs(now.pose[1] - true[1]) < 0.3e-3
 
 

@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
     LEVER,
     MAX_CONTRADICTIONS,
     PLAUSIBLE,
-    ranged,
     straight_on,
     StraightLeg,
 )
@@ -21,11 +20,13 @@ from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.servo import estimator
+from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify, update
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
 STEP = 0.02
 ON_AXLE = np.zeros(3)
+MOST_YAW = PLAUSIBLE * SETTINGS.camera_yaw_deviation
 
 
 def driven(
@@ -72,16 +73,37 @@ def test_what_hardly_matters_is_left_alone(degrees) -> None:
     assert driven(math.radians(degrees)) is SETTINGS.extrinsics
 
 
-def test_what_noise_may_be_is_not_learnt() -> None:
-    assert not driven(math.radians(0.5), deviation=0.01).believed
+@pytest.mark.parametrize(
+    ('yaw', 'known', 'believed'),
+    [
+        pytest.param(math.radians(0.5), {'deviation': 0.01}, False, id='noise may be it'),
+        # Half a degree over 2 deg of turn may be a camera that sits aside of where it is told.
+        pytest.param(math.radians(0.5), {'curvature': 0.15}, False, id='a turn may have swung it'),
+        pytest.param(math.radians(3.0), {'way': 0.9 * LEG_M}, False, id='no leg yet'),
+        pytest.param(0.9 * MOST_YAW, {}, True, id='a mount that may be'),
+        pytest.param(1.1 * MOST_YAW, {}, False, id='one that cannot'),
+    ],
+)
+def test_what_is_certain_and_may_be_is_learnt(yaw, known, believed) -> None:
+    assert driven(yaw, **known).believed is believed
 
 
-def test_no_leg_is_no_yaw() -> None:
-    assert not driven(math.radians(3.0), way=0.9 * LEG_M).believed
-    assert straight_on(StraightLeg(0.0, -1.0, 1e-3, 0.0), None, 0.3, SETTINGS.extrinsics) == (
-        None,
-        SETTINGS.extrinsics,
-    )
+@pytest.mark.parametrize(
+    ('end', 'deviation', 'tells'),
+    [
+        pytest.param(StraightLeg(0.0, -0.75, 1e-3, 0.4), 1e-3, False, id='it curves'),
+        pytest.param(StraightLeg(0.0, -0.99, 1e-3, 0.0), 1e-3, False, id='on the spot'),
+        # Far before one wall a memory has been 3 deg off, at four of its deviations.
+        pytest.param(StraightLeg(0.01, -0.75, 0.02, 0.0), 0.02, False, id='places hardly known'),
+        pytest.param(StraightLeg(0.01, -0.75, 0.002, 0.0), 0.002, True, id='places known'),
+    ],
+)
+def test_a_leg_tells_by_two_places_that_are_known_and_apart(end, deviation, tells) -> None:
+    leg = StraightLeg(0.0, -1.0, deviation, 0.0, travel=0.25)
+    yaw = leg.yaw(end, ON_AXLE, LEVER)
+    assert (yaw[1] < math.radians(0.5)) is tells
+    assert tells or leg.followed_by(end, *yaw).measured == (0.0, math.inf)
+    assert straight_on(leg, None, 0.3, SETTINGS.extrinsics) == (None, SETTINGS.extrinsics)
 
 
 def test_a_lever_arm_that_is_told_does_not_turn_the_leg() -> None:
@@ -90,24 +112,6 @@ def test_a_lever_arm_that_is_told_does_not_turn_the_leg() -> None:
     assert driven(0.0, curvature=0.5, lever=(0.3, 0.1), belief=told) is told
     learnt = driven(math.radians(1.0), curvature=0.02, lever=(0.3, 0.1), belief=told)
     assert math.degrees(learnt.mount[0]) == pytest.approx(1.0, abs=0.1)
-
-
-def test_a_leg_that_curves_or_stays_on_the_spot_tells_nothing() -> None:
-    leg = StraightLeg(0.0, -1.0, 1e-3, 0.0, travel=0.25)
-    assert leg.yaw(StraightLeg(0.0, -0.75, 1e-3, 0.4), ON_AXLE, LEVER)[1] == math.inf
-    on_the_spot = StraightLeg(0.0, -0.99, 1e-3, 0.0)
-    told = leg.yaw(on_the_spot, ON_AXLE, LEVER)
-    assert told[1] == math.inf
-    assert leg.followed_by(on_the_spot, *told).measured == (0.0, math.inf)
-
-
-def test_a_leg_between_places_that_are_hardly_known_tells_nothing() -> None:
-    """Far before one wall a memory has been 3 deg off, at four of its deviations."""
-    far = StraightLeg(0.0, -1.0, 0.02, 0.0, travel=0.25)
-    assert far.yaw(StraightLeg(0.01, -0.75, 0.02, 0.0), ON_AXLE, LEVER)[1] == math.inf
-    near = StraightLeg(0.0, -1.0, 0.002, 0.0, travel=0.25)
-    told = near.yaw(StraightLeg(0.01, -0.75, 0.002, 0.0), ON_AXLE, LEVER)
-    assert told[1] < math.radians(0.5)
 
 
 def test_a_lever_arm_that_is_learnt_on_the_way_is_that_of_both_ends() -> None:
@@ -122,20 +126,16 @@ def test_a_lever_arm_that_is_learnt_on_the_way_is_that_of_both_ends() -> None:
     assert abs(math.degrees(following.measured[0])) < 0.05
 
 
-def test_no_mount_is_learnt_that_cannot_be() -> None:
-    most = PLAUSIBLE * SETTINGS.camera_yaw_deviation
-    assert driven(0.9 * most).believed
-    assert not driven(1.1 * most).believed
+def seen_next(state: ServoState) -> StraightLeg | None:
+    """Return the leg after one more view."""
+    return update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight
 
 
 def test_legs_are_those_of_step_2_alone() -> None:
     """A turn in place, or a spiral, is none; a new phase begins anew."""
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     for phase in (Phase.ZEROING_EPIPOLES, Phase.RETREATING, Phase.ORIENTING):
-        state = in_phase(phase, straight=leg)
-        assert (
-            update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
-        )
+        assert seen_next(in_phase(phase, straight=leg)) is None
 
 
 def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
@@ -143,12 +143,10 @@ def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     monkeypatch.setattr(estimator, 'localize', lambda *_, **__: (MapState(), reading()))
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
-    assert (
-        update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is not None
-    )
+    assert seen_next(state) is not None
     disproved = replace(SETTINGS.extrinsics, contradictions=MAX_CONTRADICTIONS + 1)
     monkeypatch.setattr(estimator, 'update_extrinsics', lambda *_, **__: disproved)
-    assert update(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
+    assert seen_next(state) is None
 
 
 def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
@@ -169,11 +167,6 @@ def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
     assert classify(seeing(state, measurement=known), SETTINGS) is Event.MATCHED
 
 
-def test_what_a_turn_may_have_swung_counts_as_noise() -> None:
-    """Half a degree over 2 deg of turn may be a camera that sits aside of where it is told."""
-    assert not driven(math.radians(0.5), curvature=0.15).believed
-
-
 def test_what_is_believed_learns_from_each_leg() -> None:
     """A wrong yaw that bearings led to is corrected, by legs that would not have begun it."""
     wrong = replace(
@@ -184,10 +177,3 @@ def test_what_is_believed_learns_from_each_leg() -> None:
     )
     after = driven(0.0, belief=wrong, deviation=5e-3, way=1.5)
     assert abs(math.degrees(after.mount[0])) < 1.0
-
-
-def test_a_distance_that_the_memory_knows_is_believed() -> None:
-    near = ranged(SETTINGS.extrinsics, 0.4, 0.02)
-    assert near.distance == pytest.approx(0.4, rel=0.05)
-    assert near.is_ranged
-    assert ranged(SETTINGS.extrinsics, 0.0, 0.02).distance > 0.0

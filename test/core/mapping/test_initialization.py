@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from map_study import StudySettings, trial
+from map_study import StudySettings, StudyTrial, trial
 import numpy as np
 import pytest
 
@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.mapping.initialization import (
     triangulate,
 )
 from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import EMPTY, MapSettings
+from visual_servo_epipolar.core.mapping.window import EMPTY, KeyframeWindow, MapSettings
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 
@@ -33,6 +33,14 @@ def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:
     psi = math.atan2(view[1], view[0]) + off
     phi = psi - view[2] - 0.5 * math.pi
     return Start(k, Bearings(psi, phi), Attitude())
+
+
+def begun(drive: StudyTrial) -> tuple[KeyframeWindow, list[Start]]:
+    """Return the window of all views of a drive, and what two views would tell of each."""
+    window = EMPTY
+    for k, view in enumerate(drive.views):
+        window = window.with_view(drive.observations(k), view[:2])
+    return window, [start_at(view, k) for k, view in enumerate(drive.views)]
 
 
 def test_depths_are_those_of_the_places(exact) -> None:
@@ -74,21 +82,16 @@ def test_a_map_begins_without_a_known_way(exact) -> None:
     assert ratio == pytest.approx(ratio[0], rel=0.01)
 
 
-def test_a_geometry_is_unsound_where_residuals_are_larger_than_noise(exact) -> None:
+def test_a_geometry_is_unsound_by_noise_by_few_features_or_by_a_view_that_nothing_holds(
+    exact,
+) -> None:
     assert is_sound(Geometry(exact))
     louder = replace(exact.window, tangent_basis=exact.window.tangent_basis * 10.0)
-    rng = np.random.default_rng(1)
-    offsets = 3.0 * rng.normal(size=exact.unknowns.offsets.shape)
+    offsets = 3.0 * np.random.default_rng(1).normal(size=exact.unknowns.offsets.shape)
     shaken = replace(exact.unknowns, offsets=offsets)
     assert not is_sound(Geometry(replace(exact, window=louder, unknowns=shaken)))
-
-
-def test_a_geometry_is_unsound_where_few_features_are_trusted(exact) -> None:
     few = np.arange(len(exact.trusted)) < 0.3 * len(exact.trusted)
     assert not is_sound(Geometry(replace(exact, trusted=few)))
-
-
-def test_a_geometry_is_unsound_where_a_view_is_held_by_nothing(exact) -> None:
     views = exact.unknowns.views.copy()
     views[2, :3] += [3.0, 5.0, 1.0]
     flung = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
@@ -133,10 +136,7 @@ def test_views_turned_far_from_each_other_begin_as_well() -> None:
     # Half a field of view between two views: what one saw the other hardly does.
     places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.33], [0.5, -2.2, 0.36], [0.3, -1.8, 0.3]])
     drive = trial(StudySettings(points=90, wall=True, wrong=0.0), 2, places)
-    window, starts = EMPTY, []
-    for k in range(4):
-        window = window.with_view(drive.observations(k), drive.views[k, :2])
-        starts.append(start_at(drive.views[k], k))
+    window, starts = begun(drive)
     geometry = initial_geometry(window, starts, drive.mount, MapSettings())
     assert geometry is not None
     assert len(geometry.window) == 4
@@ -148,12 +148,9 @@ def test_before_a_wall_false_bearings_begin_no_false_geometry(seed: int) -> None
     """It was up to a metre off: the other geometry of the wall was compared, and never taken."""
     places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.1], [0.5, -2.2, 0.2], [0.3, -1.8, 0.3]])
     drive = trial(StudySettings(points=90, wall=True, wrong=0.0), seed, places)
-    window, starts = EMPTY, []
-    for k in range(4):
-        window = window.with_view(drive.observations(k), drive.views[k, :2])
-        false = exchanged_bearings(drive.views[k, :3], np.array([0.0, 0.2]))
-        assert false is not None
-        starts.append(Start(k, false, Attitude()))
+    wall, (window, _) = np.array([0.0, 0.2]), begun(drive)
+    false = [exchanged_bearings(view, wall) for view in drive.views[:, :3]]
+    starts = [Start(k, each, Attitude()) for k, each in enumerate(false)]
     geometry = initial_geometry(window, starts, drive.mount, MapSettings())
     if geometry is not None:
         assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:4, :3], abs=0.1)
@@ -169,10 +166,9 @@ def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) 
 @pytest.mark.parametrize(('times', 'margin'), [(1, LIKELY), (2, CONTRADICTING)])
 def test_bearings_without_a_rival_tell_as_well(times: int, margin: float, monkeypatch) -> None:
     places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.1], [0.5, -2.2, 0.2]])
-    drive, window = trial(StudySettings(points=90, wall=True, wrong=0.0), 0, places), EMPTY
-    for k in range(3):
-        window = window.with_view(drive.observations(k), drive.views[k, :2])
-    starts = [start_at(drive.views[k], k) for k in (0, 1, *[2] * times)]
+    drive = trial(StudySettings(points=90, wall=True, wrong=0.0), 0, places)
+    window, starts = begun(drive)
+    starts += (times - 1) * starts[2:]
     asked = []
     monkeypatch.setattr(initialization, 'is_rival', lambda *pair: asked.append(pair[2]))
     initial_geometry(window, starts, drive.mount, MapSettings())
@@ -208,9 +204,8 @@ def test_both_geometries_show_one_image(seed: int) -> None:
     assert (direction @ wall) * (place @ wall) > 0.0  # on the same side of it
     again = exchanged_bearings(np.array([*direction, told.heading_error]), direction @ left)
     assert again is not None
-    assert math.remainder(again.psi - math.atan2(place[1], place[0]), math.tau) == pytest.approx(
-        0.0
-    )
+    psi = math.remainder(again.psi - math.atan2(place[1], place[0]), math.tau)
+    assert psi == pytest.approx(0.0)
     assert again.heading_error == pytest.approx(heading)
 
 

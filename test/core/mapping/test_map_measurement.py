@@ -125,6 +125,11 @@ def test_the_same_memory_is_as_large_as_the_other_way(drive) -> None:
     assert after.pose[:2] == pytest.approx(RATIO * before.pose[:2], rel=1e-3)
     assert after.pose[2:] == pytest.approx(before.pose[2:])
     assert after.settings is OTHER
+    one, other = (
+        each.after(drive.observations(14), drive.motion(14))[1].pose[:2]
+        for each in (before, after)
+    )
+    assert other == pytest.approx(RATIO * one, rel=0.02, abs=2e-3)
     assert after.geometry.evaluation.factors.scale_deviation == pytest.approx(2e-3, rel=20.0)
 
 
@@ -144,22 +149,6 @@ def test_the_alternative_scale_holds_for_the_whole_way_whenever_it_is_chosen(
     assert whole(late) / float(late.window.ways.sum()) == pytest.approx(1.0, rel=0.02)
     depth = remembered(drive).geometry.depth
     assert late.geometry.depth == pytest.approx(RATIO * depth, rel=0.05)
-
-
-def test_the_view_after_it_is_where_it_is_by_the_other_account(drive) -> None:
-    places = []
-    for memory in (remembered(drive), remembered(drive).with_alternative(OTHER)):
-        _, said = memory.after(drive.observations(14), drive.motion(14))
-        assert said is not None
-        places.append(said.pose[:2])
-    assert places[1] == pytest.approx(RATIO * places[0], rel=0.02, abs=2e-3)
-
-
-def test_without_another_account_both_are_the_same(drive) -> None:
-    memory = KeyframeMap(drive.mount, SURE)
-    for k in range(3):
-        memory, _ = memory.after(drive.observations(k), drive.motion(k))
-    assert memory.ways[0] == memory.ways[1]
 
 
 TRIALS, FEW = 40, 16
