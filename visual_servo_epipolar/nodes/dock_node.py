@@ -163,12 +163,6 @@ class DockServer:
         return steady.now_ns() / NANOSECONDS
 
 
-USUAL_BASE = 'base_link'  # where odometry names no frame of the base
-NO_NAV2 = (
-    'nav2_msgs cannot be imported, dock_robot is not served; install ros-jazzy-nav2-msgs for it'
-)
-
-
 class DockNode(ManagedNode):
     """
     Publishes the dock's pose wherever the photograph is seen, and serves requests to dock.
@@ -250,7 +244,10 @@ class DockNode(ManagedNode):
             return None
         wire = wire or docking.dock_robot_wire()
         if wire is None:
-            self.get_logger().error(NO_NAV2)
+            self.get_logger().error(
+                'nav2_msgs cannot be imported, dock_robot is not served; install '
+                'ros-jazzy-nav2-msgs for it'
+            )
             return None
         return DockServer(self, wire, lambda: self._task_settings)
 
@@ -286,7 +283,7 @@ class DockNode(ManagedNode):
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)
-        frame = self._driven.base_frame or USUAL_BASE
+        frame = self._driven.base_frame or 'base_link'
         if not self._search.views:  # before anything is seen
             self._mount.base_frame = frame
             self._settings = self._mount.taken(message.header.frame_id, self._settings)

@@ -8,7 +8,7 @@ import math
 import pytest
 from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, then
 
-from visual_servo_epipolar.core.bases.differential_drive import pulse
+from visual_servo_epipolar.core.bases.differential_drive import followed_speed
 from visual_servo_epipolar.core.estimate.base_model import (
     Curvature,
     FOLLOWED,
@@ -183,7 +183,7 @@ def at_speed(
     band, heading, owed = DeadBand(), 0.0, 0.0
     for wanted in turns:
         for _ in range(50):
-            velocity, owed = pulse(wanted, owed, band.angular.value)
+            velocity, owed = followed_speed(wanted, owed, band.angular.value, 'pulse')
             follows = abs(velocity) >= dead_band
             heading += (follows * velocity + 0.2 * curvature) * DT
             seen, twist = replace(STANDING, heading_error=heading), Twist(0.2, velocity)

@@ -80,27 +80,14 @@ def capped(base: Base, twist: Twist) -> Twist:
 
 
 def within_jerk(
-    wanted: Twist,
-    before: Twist,
-    acceleration: Twist,
-    dt: float,
-    *,
-    linear: float,
-    angular: float,
-) -> Twist:
+    wanted: float, before: float, acceleration: float, dt: float, jerk: float
+) -> float:
     """
-    Return what follows ``before`` after ``dt`` [s] on the way to ``wanted``: S-curves.
+    Return the speed that follows ``before`` after ``dt`` [s] on the way to ``wanted``: an S-curve.
 
-    ``acceleration`` led to ``before`` [m/s^2, rad/s^2]. The jerk stays within ``linear`` [m/s^3]
-    and ``angular`` [rad/s^3], 0 for no limit; limits of acceleration are those of ``wanted``.
+    ``acceleration`` led to ``before``; its change stays within ``jerk``, 0 for no limit; limits of
+    acceleration are those of ``wanted``. All in m or rad and s.
     """
-    return Twist(
-        _followed(wanted.linear, before.linear, acceleration.linear, dt, linear),
-        _followed(wanted.angular, before.angular, acceleration.angular, dt, angular),
-    )
-
-
-def _followed(wanted: float, before: float, acceleration: float, dt: float, jerk: float) -> float:
     if jerk == 0.0 or dt == 0.0:
         return wanted
     change = wanted - before

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.bases.base import BaseLimits
-from visual_servo_epipolar.core.bases.differential_drive import pulse, ramped_speed
+from visual_servo_epipolar.core.bases.differential_drive import followed_speed, ramped_speed
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 
 CREEP = 0.01  # at which it waits for its steering: no twist steers standing wheels [m/s]
@@ -67,11 +67,7 @@ class Car:
         twist, band = self._on_curve(wanted), self.limits.dead_band_linear
         if twist.linear == 0.0 or abs(twist.linear) >= band:
             return twist, STANDSTILL
-        speed, rest = 0.0, 0.0
-        if mode == 'pulse':
-            speed, rest = pulse(twist.linear, residual.linear, band)
-        elif mode == 'raise':
-            speed = math.copysign(band, twist.linear)
+        speed, rest = followed_speed(twist.linear, residual.linear, band, mode)
         return Twist(speed, speed * twist.angular / twist.linear), Twist(rest, 0.0)
 
     def _on_curve(self, twist: Twist) -> Twist:

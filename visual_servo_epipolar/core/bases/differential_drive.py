@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.bases.base import BaseLimits, capped
-from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import saturate, Twist
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +26,10 @@ class DifferentialDrive:
     def within_acceleration(self, wanted: Twist, before: Twist, dt: float) -> Twist:
         """Return what follows ``before`` in ``dt`` [s]; a speed limit lowered by then holds."""
         limits = self.limits
-        twist = ramp(
-            wanted,
-            before,
-            dt,
-            linear=limits.max_acceleration,
-            angular=limits.max_angular_acceleration,
+        linear, angular = limits.max_acceleration * dt, limits.max_angular_acceleration * dt
+        twist = Twist(
+            ramped_speed(wanted.linear, before.linear, linear),
+            ramped_speed(wanted.angular, before.angular, angular),
         )
         return capped(self, twist)
 
@@ -39,19 +37,10 @@ class DifferentialDrive:
         self, wanted: Twist, residual: Twist, *, mode: str
     ) -> tuple[Twist, Twist]:
         """Return what the motors follow of ``wanted``, and the residual of ``mode`` pulse."""
-        limits = self.limits
-        bands = {'linear': limits.dead_band_linear, 'angular': limits.dead_band_angular}
-        if mode == 'pulse':
-            return modulate_pulses(wanted, residual, **bands)
-        return clear_dead_band(wanted, lift=mode == 'raise', **bands), STANDSTILL
-
-
-def ramp(wanted: Twist, before: Twist, dt: float, *, linear: float, angular: float) -> Twist:
-    """Limit the change from ``before``, speeding up half as fast as slowing down."""
-    return Twist(
-        ramped_speed(wanted.linear, before.linear, linear * dt),
-        ramped_speed(wanted.angular, before.angular, angular * dt),
-    )
+        linear, angular = self.limits.dead_band_linear, self.limits.dead_band_angular
+        first = followed_speed(wanted.linear, residual.linear, linear, mode)
+        second = followed_speed(wanted.angular, residual.angular, angular, mode)
+        return Twist(first[0], second[0]), Twist(first[1], second[1])
 
 
 def ramped_speed(wanted: float, before: float, change: float) -> float:
@@ -63,45 +52,22 @@ def ramped_speed(wanted: float, before: float, change: float) -> float:
     return before + min(max(wanted - before, -limit), limit)
 
 
-def clear_dead_band(twist: Twist, *, linear: float, angular: float, lift: bool) -> Twist:
+def followed_speed(
+    wanted: float, residual: float, threshold: float, mode: str
+) -> tuple[float, float]:
     """
-    Return velocities that the motors can follow, which stand still below a threshold.
+    Return a speed that is 0 or beyond the ``threshold`` of motors, and the new ``residual``.
 
-    ``lift`` raises what is smaller to the threshold, as the paper did (section VIII), else it is
-    dropped; a velocity of exactly zero stays zero. Thresholds in m/s and rad/s.
+    ``mode`` raise lifts what is smaller to the threshold, as the paper did (section VIII), zero
+    drops it; a speed of exactly zero stays zero. ``pulse`` is a first-order sigma-delta
+    modulation: what is below adds up, frame by frame, until it is a whole pulse: half of one would
+    ask for a pulse back next. Lifting every small command instead turns a proportional law into a
+    switch, and dropping it into one that never gets there.
     """
-    return Twist(
-        _beyond(twist.linear, linear, lift),
-        _beyond(twist.angular, angular, lift),
-    )
-
-
-def _beyond(value: float, threshold: float, lift: bool) -> float:
-    if value == 0.0 or abs(value) >= threshold:
-        return value
-    return math.copysign(threshold, value) if lift else 0.0
-
-
-def modulate_pulses(
-    wanted: Twist, residual: Twist, *, linear: float, angular: float
-) -> tuple[Twist, Twist]:
-    """
-    Return velocities beyond the thresholds whose average is the wanted one, and the new residual.
-
-    First-order sigma-delta modulation: what is below a threshold [m/s, rad/s] adds up, frame by
-    frame, until it is a whole pulse: half of one would ask for a pulse back next. Lifting every
-    small command instead turns a proportional law into a switch, and dropping it into one that
-    never gets there.
-    """
-    first = pulse(wanted.linear, residual.linear, linear)
-    second = pulse(wanted.angular, residual.angular, angular)
-    return Twist(first[0], second[0]), Twist(first[1], second[1])
-
-
-def pulse(wanted: float, residual: float, threshold: float) -> tuple[float, float]:
-    """Return a speed that is 0 or beyond the ``threshold``, and the new ``residual``."""
     if wanted == 0.0 or abs(wanted) >= threshold:
         return wanted, 0.0
+    if mode != 'pulse':
+        return (math.copysign(threshold, wanted) if mode == 'raise' else 0.0), 0.0
     # More than a pulse is left of a move that was given up.
     residual = wanted + (residual if abs(residual) < threshold else 0.0)
     speed = math.copysign(threshold, residual) if abs(residual) >= threshold else 0.0

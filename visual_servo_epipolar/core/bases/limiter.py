@@ -31,13 +31,16 @@ class Limiter:
         twist = base.within_speed(wanted, ratio=ratio)
         if not ramps:
             return twist
-        twist = base.within_acceleration(twist, self.last, dt)
+        twist, last = base.within_acceleration(twist, self.last, dt), self.last
         linear, angular = base.limits.max_jerk, base.limits.max_angular_jerk
         if linear == 0.0 and angular == 0.0:
             return twist
-        acceleration = _obeyed(self.acceleration, base)
-        twist = within_jerk(twist, self.last, acceleration, dt, linear=linear, angular=angular)
-        lowered = capped(base, self.last) != self.last  # a limit of speed, which holds at once
+        led = _obeyed(self.acceleration, base)
+        twist = Twist(
+            within_jerk(twist.linear, last.linear, led.linear, dt, linear),
+            within_jerk(twist.angular, last.angular, led.angular, dt, angular),
+        )
+        lowered = capped(base, last) != last  # a limit of speed, which holds at once
         return capped(base, twist) if lowered else twist
 
     def after(self, wanted: Twist, dt: float, base: Base) -> 'Limiter':

@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, cast, ClassVar, TypeAlias, TypeVar
+from typing import Any, cast, ClassVar, TypeVar
 
 import numpy as np
 
@@ -27,8 +27,6 @@ LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the r
 DEFAULT_LAW = 'full'
 
 SettingsT = TypeVar('SettingsT', bound='DriveSettings')
-EpipoleControls: TypeAlias = Callable[..., tuple[float, float]]
-MatchingControl: TypeAlias = Callable[..., Twist]
 
 
 def departure(text: str) -> bool:
@@ -67,8 +65,8 @@ class Departures:
     anticipation: bool = departure(
         'go by where the robot will be when it obeys, where that is late'
     )
-    epipole_controls: EpipoleControls | None = None
-    matching_control: MatchingControl | None = None
+    epipole_controls: Callable[..., tuple[float, float]] | None = None
+    matching_control: Callable[..., Twist] | None = None
 
 
 DEPARTURES: dict[str, str] = {
