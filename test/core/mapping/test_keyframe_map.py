@@ -59,15 +59,6 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
     assert near_truth(said, drive.views[last], drive.scale)
 
 
-def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
-    again = map_after_drive(drive)
-    one, other = (m.after(drive.observations(14), drive.motion(14))[1] for m in (memory, again))
-    for name in ('pose', 'covariance', 'own'):
-        assert np.array_equal(getattr(one, name), getattr(other, name))
-    depths = (each.geometry.unknowns.inverse_depth for each in (one, other))
-    assert np.array_equal(*depths)
-
-
 def test_what_a_view_shows_is_not_counted_twice(drive, memory) -> None:
     # A view that becomes a keyframe is held against what was known before it.
     far, near = (replace(memory, settings=MapSettings(keyframe_spacing=s)) for s in (9.0, 1e-6))

@@ -109,9 +109,7 @@ def test_a_feature_right_before_the_camera_is_wrong(exact) -> None:
     )
     assert judge_matches(at).trusted[:2].tolist() == [False, True]
     often = replace(at, window=replace(at.window, seen=np.ones_like(seen)))
-    assert judge_matches(often).trusted[
-        0
-    ]  # before a scene that is far away some features are near
+    assert judge_matches(often).trusted[0]  # before a scene far away some features are near
     near[0] /= 1.2
     assert judge_matches(replace(at, unknowns=replace(at.unknowns, inverse_depth=near))).trusted[0]
 
@@ -152,6 +150,9 @@ def test_a_feature_behind_the_cameras_is_wrong_however_well_it_fits(exact) -> No
     assert judge_matches(at).trusted[:3].tolist() == [False, True, True]
 
 
+RAYS = np.random.default_rng(1).normal(size=(40, 3))
+RAYS /= np.linalg.norm(RAYS, axis=1)[:, None]
+DEPTHS = np.random.default_rng(2).uniform(0.1, 1.0, 9)  # inverse
 STEP = 1e-6
 ANGLE = st.floats(-0.5, 0.5)
 VIEWS = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, 0.5), st.floats(-3.0, 3.0), ANGLE, ANGLE)
@@ -169,15 +170,10 @@ def seen(photograph, unknowns, view):
 @given(view=VIEWS, tilt=ANGLE, roll=ANGLE)
 @settings(max_examples=25, deadline=None)
 def test_features_lie_where_the_conventions_of_the_core_say(view, tilt, roll) -> None:
-    rng = np.random.default_rng(1)
-    rays = rng.normal(size=(9, 3))
-    photograph = rays / np.linalg.norm(rays, axis=1)[:, None]
-    unknowns = Unknowns(
-        np.array([view]), np.array([tilt, roll, 0, 0, 0]), np.zeros((2, 9)), rng.uniform(0.1, 1, 9)
-    )
-    structure = projection.structure_of(
-        photograph, tangent_basis_of(photograph, np.ones(9)), unknowns
-    )
+    photograph, shared, near = RAYS[:9], np.array([tilt, roll, 0, 0, 0]), DEPTHS
+    unknowns = Unknowns(np.array([view]), shared, np.zeros((2, 9)), near)
+    tangents = tangent_basis_of(photograph, np.ones(9))
+    structure = projection.structure_of(photograph, tangents, unknowns)
     points = projection.turns_of(unknowns.views) @ projection.points_of(structure, unknowns.views)
     expected = seen(photograph, unknowns, view) * unknowns.inverse_depth[:, None]
     assert points[0].T == pytest.approx(expected, abs=1e-12)
@@ -186,14 +182,10 @@ def test_features_lie_where_the_conventions_of_the_core_say(view, tilt, roll) ->
 @given(view=VIEWS, tilt=ANGLE, roll=ANGLE, lens=st.floats(-0.2, 0.2))
 @settings(max_examples=25, deadline=None)
 def test_derivatives_are_those_of_the_residuals(view, tilt, roll, lens) -> None:
-    rng = np.random.default_rng(2)
-    rays = rng.normal(size=(9, 3))
-    photograph = rays / np.linalg.norm(rays, axis=1)[:, None]
-    tangents = tangent_basis_of(
-        photograph, np.full(9, 1e3)
-    )  # a thousandth of a radian a deviation
-    shared, offsets = np.array([tilt, roll, lens, 0.0, 0.0]), rng.normal(size=(2, 9))
-    at = Unknowns(np.array([view]), shared, offsets, rng.uniform(0.1, 1.0, 9))
+    photograph, offsets = RAYS[:9], RAYS[9:18, :2].T
+    # A thousandth of a radian a deviation.
+    tangents = tangent_basis_of(photograph, np.full(9, 1e3))
+    at = Unknowns(np.array([view]), np.array([tilt, roll, lens, 0.0, 0.0]), offsets, DEPTHS)
     tangent_basis = tangent_basis_of(photograph, np.full(9, 1.0))[None]
 
     def residuals(unknowns):
@@ -225,27 +217,21 @@ def test_a_camera_of_a_longer_lens_sees_features_farther_from_the_centre(lens) -
     stretch = np.array([np.exp(lens), np.exp(lens), 1.0])
     photograph, rays = true * stretch, points * stretch
     unknowns = Unknowns(view[None], shared, np.zeros((2, 9)), near)
-    structure = projection.structure_of(
-        photograph, tangent_basis_of(photograph, np.ones(9)), unknowns
-    )
-    tangent_basis = tangent_basis_of(rays / np.linalg.norm(rays, axis=1)[:, None], np.ones(9))[
-        None
-    ]
-    found = projection.project(structure, view[None], tangent_basis)
+    tangents = tangent_basis_of(photograph, np.ones(9))
+    structure = projection.structure_of(photograph, tangents, unknowns)
+    basis = tangent_basis_of(rays / np.linalg.norm(rays, axis=1)[:, None], np.ones(9))
+    found = projection.project(structure, view[None], basis[None])
     assert found.residuals == pytest.approx(0.0, abs=1e-12)
 
 
 def test_what_would_lie_behind_its_ray_is_far_off(exact) -> None:
-    window, unknowns = exact.window, exact.unknowns
+    window = exact.window
     ahead = projection.squares_of(exact.projection, window.rays)[window.seen]
     behind = projection.squares_of(exact.projection, -window.rays)[window.seen]
     assert ahead.max() < 1e-6
     assert behind.min() == projection.OPPOSITE
-    assert len(unknowns.inverse_depth) == len(window.ids)
 
 
-RAYS = np.random.default_rng(1).normal(size=(40, 3))
-RAYS /= np.linalg.norm(RAYS, axis=1)[:, None]
 IDS = st.lists(st.integers(0, 39), max_size=12, unique=True)
 
 
@@ -255,9 +241,9 @@ def observations(ids) -> FeatureObservations:
     return FeatureObservations(ids, RAYS[ids], RAYS[ids][:, ::-1], np.full((len(ids), 2), 1e-3))
 
 
-@given(views=st.lists(IDS, min_size=1, max_size=5))
+@given(views=st.lists(IDS, min_size=1, max_size=5), others=IDS)
 @settings(max_examples=40, deadline=None)
-def test_every_sighting_stands_where_its_feature_does(views) -> None:
+def test_every_sighting_stands_where_its_feature_does(views, others) -> None:
     window = EMPTY
     for ids in views:
         window = window.with_view(observations(ids), np.zeros(2))
@@ -268,6 +254,9 @@ def test_every_sighting_stands_where_its_feature_does(views) -> None:
         shown = window.seen[k]
         assert window.rays[k][:, shown].T == pytest.approx(RAYS[window.ids[shown]])
     assert window.photograph == pytest.approx(RAYS[window.ids][:, ::-1])
+    rows = window.rows_of(np.array(others, np.int64))
+    ids = window.ids.tolist()
+    assert rows.tolist() == [ids.index(it) if it in ids else -1 for it in others]
     kept = window.ids % 2 == 0
     fewer = window.of_features(kept).without_view(0)
     assert fewer.seen.tolist() == window.seen[1:, kept].tolist()
@@ -282,27 +271,11 @@ def test_the_noise_of_the_photograph_is_the_mean_of_what_views_show_of_it() -> N
     assert window.photograph_noise == pytest.approx(np.sqrt(squares))
 
 
-@given(ids=IDS, others=IDS)
-@settings(max_examples=40, deadline=None)
-def test_features_are_found_by_their_ids_and_others_are_not(ids, others) -> None:
-    window = EMPTY.with_view(observations(ids), np.zeros(2))
-    rows = window.rows_of(np.array(others, np.int64))
-    for row, other in zip(rows.tolist(), others, strict=True):
-        assert row == (list(window.ids).index(other) if other in ids else -1)
-
-
 def test_sides_are_across_and_as_long_as_a_deviation_is_short() -> None:
     tangent_basis = tangent_basis_of(RAYS, np.full(40, 0.01))
     assert np.einsum('ajn,nj->an', tangent_basis, RAYS) == pytest.approx(0.0, abs=1e-12)
     assert np.sqrt((tangent_basis**2).sum(1)) == pytest.approx(100.0)
     assert (tangent_basis[0] * tangent_basis[1]).sum(0) == pytest.approx(0.0, abs=1e-8)
-
-
-def test_a_geometry_is_scaled_as_a_whole() -> None:
-    views = np.array([[1.0, -2.0, 0.1, 0.2, 0.3]])
-    unknowns = Unknowns(views, np.zeros(4), np.zeros((2, 3)), np.ones(3)).scaled(2.0)
-    assert unknowns.views.tolist() == [[2.0, -4.0, 0.1, 0.2, 0.3]]
-    assert unknowns.inverse_depth.tolist() == [0.5, 0.5, 0.5]
 
 
 @pytest.mark.parametrize(
