@@ -3,10 +3,10 @@
 import json
 import math
 
+from command_line import document, refusal
 import pytest
 import yaml
 
-from visual_servo_epipolar.commands import options
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
 from visual_servo_epipolar.core.laws.gains import (
@@ -15,24 +15,16 @@ from visual_servo_epipolar.core.laws.gains import (
     longest_matching,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import range_of, updated
+from visual_servo_epipolar.core.settings import updated
 
 CASE = ['--farthest', '12', '--nearest', '2', '--rate', '11', '--latency', '0.09']
 CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.09)
 
 
-def test_help_has_the_phase_timeout_of_the_servo() -> None:
-    limits = range_of(ServoSettings.__dataclass_fields__['phase_timeout'])
-    assert options.PHASE_TIMEOUT == ServoSettings.phase_timeout
-    assert options.PHASE_TIMEOUT_HELP == (
-        f'{limits.text}, {limits.low:g} to {limits.high:g} (default {options.PHASE_TIMEOUT:g})'
-    )
-
-
-def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.CaptureFixture) -> None:
-    assert main(['gains', *CASE]) == 0
-    gains, lines = derive(CIRCUMSTANCES), capsys.readouterr().out.splitlines()
-    rows = {line[:11].strip(): line[11:].split() for line in lines[:10]}
+def test_table_lines_to_paste_and_document_have_the_derived_gains(capsys, tmp_path) -> None:
+    assert main(['gains', *CASE, '--json', str(tmp_path / 'gains.json')]) == 0
+    output, gains = capsys.readouterr().out, derive(CIRCUMSTANCES)
+    rows = {line[:11].strip(): line[11:].split() for line in output.splitlines()[:10]}
     assert rows['k1'][:2] == [f'{gains.k1:.4g}', '1/s']
     assert rows['k2'][0] == f'{gains.k2:.4g}'
     assert rows['beta/gamma'][0] == f'{gains.beta}/{gains.gamma}'
@@ -40,34 +32,28 @@ def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.Capture
     assert rows['floor'][:2] == [f'{math.degrees(gains.floor):.4g}', 'deg']
     assert rows[''][0] == f'{longest_convergence(CIRCUMSTANCES, gains):.4g}'
     assert rows['step 2'][:2] == [f'{longest_matching(CIRCUMSTANCES, gains):.4g}', 's']
-
-
-def test_the_lines_to_paste_are_settings_of_the_servo(capsys: pytest.CaptureFixture) -> None:
-    assert main(['gains', *CASE]) == 0
-    text = capsys.readouterr().out.partition('\n\n')[2]
-    values = yaml.safe_load(text)['/**']['ros__parameters']
-    settings, gains = updated(ServoSettings(), values, 'pasted'), derive(CIRCUMSTANCES)
+    values = pasted(output)
+    settings = updated(ServoSettings(), values, 'pasted')
     assert settings.k2 == pytest.approx(gains.k2, rel=1e-5)
     assert settings.exponent == pytest.approx(gains.exponent, rel=1e-5)
     assert settings.initial_distance == 12.0
     assert list(values) == [name for name in ServoSettings.__dataclass_fields__ if name in values]
+    result = json.loads((tmp_path / 'gains.json').read_text())
+    assert (result['k1'], result['t_max_s']) == (gains.k1, gains.transient)
+    assert result['floor_deg'] == math.degrees(gains.floor)
+    assert result['circumstances']['latency'] == 0.09
+    assert result['circumstances']['concordant'] is False
+
+
+def pasted(output: str) -> dict:
+    return yaml.safe_load(output.partition('\n\n')[2])['/**']['ros__parameters']
 
 
 def test_a_gain_beyond_what_the_servo_takes_says_so(capsys: pytest.CaptureFixture) -> None:
     assert main(['gains', '--rate', '200', '--nearest', '8', '--deceleration', '20']) == 0
-    text = capsys.readouterr().out.partition('\n\n')[2]
-    assert 'k2: 5.0  # derived: 10.0' in text
-    updated(ServoSettings(), yaml.safe_load(text)['/**']['ros__parameters'], 'pasted')
-
-
-def test_the_document_has_everything(capsys: pytest.CaptureFixture) -> None:
-    assert main(['gains', *CASE, '--json', '-']) == 0
-    result, gains = json.loads(capsys.readouterr().out), derive(CIRCUMSTANCES)
-    assert result['k1'] == gains.k1
-    assert result['t_max_s'] == gains.transient
-    assert result['floor_deg'] == math.degrees(gains.floor)
-    assert result['circumstances']['latency'] == 0.09
-    assert result['circumstances']['concordant'] is False
+    output = capsys.readouterr().out
+    assert 'k2: 5.0  # derived: 10.0' in output
+    updated(ServoSettings(), pasted(output), 'pasted')
 
 
 @pytest.mark.parametrize(
@@ -96,8 +82,7 @@ def test_gains_that_are_too_slow_for_a_phase_are_a_warning(options, phase, remed
     assert output.err.startswith('visual_servo gains: warning: ')
     assert phase in output.err
     assert remedy in output.err
-    text = output.out.partition('\n\n')[2]
-    values = yaml.safe_load(text)['/**']['ros__parameters']
+    values = pasted(output.out)
     assert main(['gains', *options, '--phase-timeout', str(values['phase_timeout'])]) == 0
     again = capsys.readouterr()
     assert (again.err == '') == ('at most' not in remedy), again.err
@@ -106,13 +91,8 @@ def test_gains_that_are_too_slow_for_a_phase_are_a_warning(options, phase, remed
 
 
 def test_gains_that_are_quick_enough_are_no_warning(capsys: pytest.CaptureFixture) -> None:
-    assert main(['gains', '--json', '-']) == 0
-    output = capsys.readouterr()
-    assert output.err == ''
-    assert (json.loads(output.out)['warnings'], json.loads(output.out)['phase_timeout_s']) == (
-        [],
-        ServoSettings.phase_timeout,
-    )
+    result, timeout = document(capsys, 'gains'), ServoSettings.phase_timeout
+    assert (result['warnings'], result['phase_timeout_s']) == ([], timeout)
 
 
 @pytest.mark.parametrize(
@@ -125,8 +105,5 @@ def test_gains_that_are_quick_enough_are_no_warning(capsys: pytest.CaptureFixtur
     ],
 )
 def test_where_no_gain_is_legal_one_line_says_why(options, message, capsys) -> None:
-    assert main(['gains', *options]) == 2
-    output = capsys.readouterr()
-    assert output.out == ''
-    assert output.err.startswith(f'visual_servo gains: {message}')
-    assert output.err.count('\n') == 1
+    error = refusal(capsys, 'gains', *options)
+    assert error.startswith(f'visual_servo gains: {message}')

@@ -5,7 +5,8 @@ from pathlib import Path
 import re
 import sys
 
-from launch_stub import Launch, load, modules, ROOT
+from launch_stub import Launch, modules, ROOT
+from loaded import loaded
 from node_process import row_of
 import pytest
 import yaml
@@ -289,7 +290,7 @@ def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:
 
 
 def test_rviz_finds_every_topic_of_its_layout_in_the_namespace() -> None:
-    module = load(ROOT / 'launch/simulation.launch.py')
+    module = loaded(ROOT / 'launch/simulation.launch.py')
     displays = RVIZ['Visualization Manager']['Displays']
     shown = {item['Topic']['Value'] for item in displays if 'Topic' in item}
     node = by_name(Launch('simulation.launch.py', rviz='true', image='picture'))['rviz2']

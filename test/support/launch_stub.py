@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
-import sys
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 from loaded import loaded
@@ -67,19 +66,12 @@ MODULES = {
 }
 
 
-def modules() -> dict[str, ModuleType]:
+def modules() -> dict[str, SimpleNamespace]:
     """Return the modules by name, for sys.modules."""
-    made = {name: ModuleType(name) for name in MODULES}
-    for name, members in MODULES.items():
-        for member in members:
-            setattr(made[name], member.__name__, member)
-    return made
-
-
-def load(path: Path) -> ModuleType:
-    """Import a launch file; the stand-ins must be in sys.modules."""
-    assert sys.modules['launch'].LaunchDescription is LaunchDescription
-    return loaded(path)
+    return {
+        name: SimpleNamespace(**{member.__name__: member for member in members})
+        for name, members in MODULES.items()
+    }
 
 
 class Launch:
@@ -90,7 +82,7 @@ class Launch:
         self.declared: dict[str, DeclareLaunchArgument] = {}
         self.configurations = Configurations(arguments)
         unknown = set(arguments)
-        for entity in load(ROOT / 'launch' / name).generate_launch_description().entities:
+        for entity in loaded(ROOT / 'launch' / name).generate_launch_description().entities:
             self._visit(entity, self.configurations)
         assert unknown <= self.declared.keys()
 

@@ -1,14 +1,14 @@
 """Arguments of the command line: what words may be, and the options that commands share."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import math
 import os
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from visual_servo_epipolar.commands.outputs import OutputFile
+from visual_servo_epipolar.commands.outputs import OutputFile, OutputFolder
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.phase import law_names
 from visual_servo_epipolar.core.settings import alike
@@ -18,8 +18,8 @@ from visual_servo_epipolar.simulation.choices import SOURCES
 if TYPE_CHECKING:
     from visual_servo_epipolar.simulation.scenario import Scenario
 
-MAX_SEED, MAX_RUNS, MAX_SCENES = 2**31 - 1, 1_000_000, 10_000
-FARTHEST, FULL_TURN = 100.0, 360.0  # start [m], [deg]: nothing drives home from farther
+MAX_SEED, MAX_RUNS = 2**31 - 1, 1_000_000
+FARTHEST = 100.0  # start [m]: nothing drives home from farther
 
 
 def finite(text: str) -> float:
@@ -62,7 +62,8 @@ duration = number(lambda value: value > 0.0, 'is not a time above 0 s')
 angle = number(lambda value: abs(value) <= 90.0, 'is not an angle from -90 to 90 deg')
 tolerance = number(lambda value: value >= 0.0, 'is negative')
 seed = whole(0, MAX_SEED)
-count, count_or_none = whole(1, MAX_RUNS), whole(0, MAX_RUNS)  # of runs, or of processes
+count = whole(1, MAX_RUNS)  # of runs, or of processes
+count_or_none = whole(0, MAX_RUNS)
 
 
 def law(text: str) -> str:
@@ -90,9 +91,9 @@ def scenes(text: str) -> tuple[int, ...]:
     for part in text.split(','):
         first, dash, last = part.partition('-')
         ends = seed(first), seed(last if dash else first)
-        if not 0 <= ends[1] - ends[0] < MAX_SCENES:
+        if not 0 <= ends[1] - ends[0] < MAX_RUNS:
             raise argparse.ArgumentTypeError(
-                f'{part!r} is not a range, the smaller number first, of up to {MAX_SCENES}'
+                f'{part!r} is not a range, the smaller number first, of up to {MAX_RUNS}'
             )
         seeds += range(ends[0], ends[1] + 1)
     return tuple(seeds)
@@ -104,21 +105,27 @@ class StartAction(argparse.Action):
     def __call__(self, parser: Any, namespace: Any, values: Any, *_: object) -> None:
         """Keep x [m], y [m], heading error [deg]; ArgumentError if they are too large."""
         x, y, heading = values
-        if max(abs(x), abs(y)) > FARTHEST or abs(heading) > FULL_TURN:
+        if max(abs(x), abs(y)) > FARTHEST or abs(heading) > 360.0:
             raise argparse.ArgumentError(
                 self,
-                f'x and y must lie within {FARTHEST:g} m and the heading within {FULL_TURN:g} deg '
-                f'of the goal, got {x:g} {y:g} {heading:g}',
+                f'x and y must lie within {FARTHEST:g} m and the heading within 360 deg of the '
+                f'goal, got {x:g} {y:g} {heading:g}',
             )
         setattr(namespace, self.dest, values)
 
 
 def add_words(parser: Any, rows: Mapping[str, str], **more: Any) -> None:
-    """Add options that take words or paths: name and placeholder -> help; ``more``: argparse's."""
+    """
+    Add options that take words or paths: name and placeholder -> help; ``more``: argparse's.
+
+    The help tells a default, unless that is empty.
+    """
+    default = more.get('default')
+    ending = ' (default %(default)s)' if default or default == 0 else ''
     for names, text in rows.items():
         option, placeholder = names.split(' ', 1)
         parser.add_argument(
-            option, metavar=placeholder, help=text, **{'type': os.path.expanduser, **more}
+            option, metavar=placeholder, help=text + ending, **{'type': os.path.expanduser, **more}
         )
 
 
@@ -133,30 +140,34 @@ def add_flags(parser: argparse.ArgumentParser, rows: Mapping[str, str]) -> None:
         parser.add_argument(option, action='store_true', help=text)
 
 
-def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, float] | None) -> None:
-    """Add --start."""
-    default_text = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
+def add_start(parser: argparse.ArgumentParser, *default: float) -> None:
+    """Add --start, which is required unless there is a ``default``."""
     parser.add_argument(
         '--start',
         nargs=3,
         action=StartAction,
         type=finite,
         metavar=('X', 'Y', 'DEG'),
-        required=default is None,
+        required=not default,
         default=default,
         help='start in the plane of the paper: X to the right of the goal and Y ahead of it [m], '
-        f'negative behind it; DEG heading error [deg], left positive{default_text}',
+        'negative behind it; DEG heading error [deg], left positive'
+        + (f' (default {" ".join(f"{value:g}" for value in default)})' if default else ''),
     )
 
 
 def add_source(parser: argparse.ArgumentParser) -> None:
     """Add --source."""
-    parser.add_argument(
-        '--source',
-        choices=SOURCES,
-        default='features',
-        help='input of the servo: noisy point features, or rendered images (default features)',
-    )
+    text = 'input of the servo: noisy point features, or rendered images'
+    add_choice(parser, '--source', SOURCES, text)
+
+
+def add_choice(
+    parser: argparse.ArgumentParser, option: str, names: Sequence[str], text: str
+) -> None:
+    """Add an option that takes one of ``names``, the first one by default."""
+    text = f'{text} (default {names[0]})'
+    parser.add_argument(option, choices=names, default=names[0], help=text)
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
@@ -176,13 +187,18 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
 
 def add_seed(parser: argparse.ArgumentParser) -> None:
     """Add --seed."""
-    add_words(parser, {'--seed N': 'seed of all random numbers (default 0)'}, type=seed, default=0)
+    add_words(parser, {'--seed N': 'seed of all random numbers'}, type=seed, default=0)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
     text = 'write the result as JSON to FILE; - is standard output'
     add_words(parser, {'--json FILE': text}, type=OutputFile)
+
+
+def add_out(parser: argparse.ArgumentParser, text: str, default: str | None = None) -> None:
+    """Add --out, a folder."""
+    add_words(parser, {'--out DIR': text}, type=OutputFolder, default=default)
 
 
 def scenario_of(options: argparse.Namespace, **servo: float) -> 'Scenario':

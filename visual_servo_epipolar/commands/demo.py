@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 BAG, VIDEO = 'bag', 'video.mp4'
 
 
-def demo(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
     require('rclpy', 'matplotlib', load=False)
     if options.bag != 'none':

@@ -23,14 +23,15 @@ from visual_servo_epipolar.core.settings import range_of
 TIMEOUT = ServoSettings.__dataclass_fields__['phase_timeout']
 
 
-def derive_and_print(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Derive, write, print; return 0. InputError where no gain is legal."""
     try:
         circumstances = Circumstances(
             **{item.name: getattr(options, item.name) for item in fields(Circumstances)}
         )
         gains = derive(circumstances)
-        timeout = ServoSettings(phase_timeout=options.phase_timeout).phase_timeout
+        given = {} if options.phase_timeout is None else {'phase_timeout': options.phase_timeout}
+        timeout = ServoSettings(**given).phase_timeout
     except ValueError as error:
         raise InputError(str(error)) from None
     warnings = slow_phases(circumstances, gains, timeout)

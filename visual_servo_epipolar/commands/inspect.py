@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.twoview.inspection import inspect, Inspection
 from visual_servo_epipolar.files import write_whole
 
 
-def inspect_and_report(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: unknown image format; use .png or .jpg')

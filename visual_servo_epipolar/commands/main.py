@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import partial
 from importlib import import_module
 import os
 import re
@@ -16,11 +15,11 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands.options import COMMANDS
 from visual_servo_epipolar.commands.outputs import check_outputs
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.files import PACKAGE
 from visual_servo_epipolar.nodes.startup.missing import remedy
 from visual_servo_epipolar.processes import printing
 
-PACKAGE = 'visual_servo_epipolar'
-SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+FAILURE, BAD_INPUT, SIGNALLED = 1, 2, 128  # exit codes; the last one and the number of a signal
 REPEAT_S = 0.05  # after a signal was dropped: the destructor that it came in has ended by then
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
 EVALUATION: Mapping[str, tuple[str, str]] = {
@@ -55,12 +54,10 @@ def parser(words: Collection[str] = ()) -> Parser:
     )
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for name, row in COMMANDS.items():
-        command = kinds.add_parser(
-            name, help=row.text, description=f'{row.text[:1].upper()}{row.text[1:]}.'
-        )
-        row.add_options(command)
-        command.set_defaults(run=partial(_call, row.function))
+    for name, (text, add_options) in COMMANDS.items():
+        command = kinds.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
+        add_options(command)
+        command.set_defaults(run=_call)
     for name, (tool, summary) in EVALUATION.items():
         command = kinds.add_parser(name, help=summary)
         if name in words:
@@ -71,10 +68,9 @@ def parser(words: Collection[str] = ()) -> Parser:
     return top
 
 
-def _call(function: str, options: argparse.Namespace) -> int:
-    """Call a function of this folder, module:name; only now is what it needs loaded."""
-    module, _, name = function.partition(':')
-    return int(getattr(import_module(f'{PACKAGE}.commands.{module}'), name)(options))
+def _call(options: argparse.Namespace) -> int:
+    """Run a command of this folder; only now is what it needs loaded."""
+    return int(import_module(f'{PACKAGE}.commands.{options.command}').run(options))
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -151,9 +147,8 @@ def _run(options: argparse.Namespace) -> int:
     except ImportError as error:
         return _complain(name, remedy(error), BAD_INPUT)
     except KeyboardInterrupt as error:
-        return _complain(
-            name, 'interrupted', TERMINATED if isinstance(error, Terminated) else INTERRUPTED
-        )
+        number = signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT
+        return _complain(name, 'interrupted', SIGNALLED + number)
 
 
 def _complain(name: str, reason: object, code: int) -> int:

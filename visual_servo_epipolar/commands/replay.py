@@ -1,7 +1,7 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``, and its text."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -14,10 +14,7 @@ import numpy as np
 import yaml
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.run import (
-    read_run,
-    Recording,
-)
+from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_notes, parse
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replaying.comparison import (
@@ -27,11 +24,7 @@ from visual_servo_epipolar.bags.replaying.comparison import (
     Comparison,
     recorded_steps,
 )
-from visual_servo_epipolar.bags.replaying.plan import (
-    Moment,
-    plan,
-    ReplayOverrides,
-)
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import (
     document,
     has_truth,
@@ -45,7 +38,7 @@ from visual_servo_epipolar.commands.camera_files import read_camera, read_photog
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.errors import InputError, SHOWN
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
@@ -143,7 +136,7 @@ class ReplayedBag:
         return {'recorded': named, 'replayed': installed_versions()}
 
 
-def replay_and_report(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Replay, print, write; return 0 if nothing differs from what was recorded."""
     with closing(Progress()) as progress:
         replayed = replay_bag(options, tolerance=options.tolerance, watch=progress_watch(progress))
@@ -178,7 +171,8 @@ def replay_bag(
             changes=given,
         )
         replay_plan, notes = plan(bag, run, overrides)
-        notes = [*_notes_on_topics(bag, run, options), *notes]
+        if options.camera is None:
+            notes = [*camera_notes(bag, run.topics, topics), *notes]
         steps = replay(bag, run, replay_plan, watch=watch)
     wall_s = time.perf_counter() - start_s
     if tolerance is None:
@@ -208,12 +202,6 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
         'versions': replayed.versions,
         'comparison': as_document(replayed.comparison),
     }
-
-
-def _notes_on_topics(bag: Bag, run: Recording, options: argparse.Namespace) -> Iterator[str]:
-    """Yield which topics are taken; raises InputError for the camera_info of another camera."""
-    if options.camera is None:
-        yield from camera_notes(bag, run.topics, parse(options.topics))
 
 
 def _goal_of(text: str | None) -> Image | Moment | None:
@@ -248,7 +236,6 @@ COMPARED = (
     'bearing_desired_rad',
     'feature_difference_px2',
 )
-MAX_NAMED = 6  # quantities that differ in the first step, at most this many are named
 
 
 def in_words(result: Mapping[str, Any]) -> str:
@@ -292,7 +279,7 @@ def compared_words(comparison: Mapping[str, Any]) -> list[str]:
         lines += [
             f'  {name}: recorded {first["quantities"][name]["recorded"]}, '
             f'replayed {first["quantities"][name]["replayed"]}'
-            for name in _important_first(first['quantities'])[:MAX_NAMED]
+            for name in _important_first(first['quantities'])[:SHOWN]
         ]
     else:
         how = f'the same within {tolerance:g}' if tolerance < math.inf else 'beside each other'

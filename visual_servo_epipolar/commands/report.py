@@ -29,7 +29,6 @@ from visual_servo_epipolar.files import made_folder
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
-    DASH,
     figure_html,
     FILE,
     Headline,
@@ -42,7 +41,7 @@ from visual_servo_epipolar.report.run_file import load_run
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 
-def report(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Write the page; return 0 when it is there, whatever became of the run."""
     source = Path(options.bag)
     if source.name == RUN_FILE and source.is_file():
@@ -79,7 +78,6 @@ def _refuse_bag_options(options: argparse.Namespace) -> None:
         )
 
 
-SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
@@ -123,7 +121,8 @@ def path_section(log: RunLog) -> Section:
 
 def signals_section(log: RunLog, recorded: FloatArray | None = None) -> Section:
     """Return the signals of a run; of a replay beside the ``recorded`` commands."""
-    return Section('Signals', figure_html(figures.signals(log, recorded), SIGNALS))
+    caption = 'What was measured and commanded. A dashed line marks where the run ended.'
+    return Section('Signals', figure_html(figures.signals(log, recorded), caption))
 
 
 def report_bag(options: argparse.Namespace, path: Path) -> None:
@@ -217,7 +216,7 @@ def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
 
 def _as_text(value: Any) -> str:
     if value is None:
-        return DASH
+        return '\N{EN DASH}'
     if isinstance(value, (list, tuple)):
         return '[' + ', '.join(_as_text(item) for item in value) + ']'
     return str(value)

@@ -32,7 +32,7 @@ FOLDER = 'route'  # within that of a demo
 AS_FAST = {'max_linear': FollowSettings.max_speed, 'max_angular': FollowSettings.max_turn_rate}
 
 
-def route(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Run the action that was asked for."""
     return {'teach': teach, 'demo': demo}[options.action](options)
 

@@ -20,7 +20,7 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import drive
 
 
-def simulate(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
     if options.out is not None:
         require('matplotlib', otherwise='leave out --out')

@@ -14,10 +14,9 @@ from typing import Any
 
 from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, written_to
-from visual_servo_epipolar.commands.options import SWEEP_FOLDER
 from visual_servo_epipolar.commands.outputs import publish
 from visual_servo_epipolar.core.cameras.model import field_of_view
-from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.errors import InputError, SHOWN
 from visual_servo_epipolar.core.servo.run_log import kind
 from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.nodes.startup.missing import require
@@ -28,16 +27,14 @@ from visual_servo_epipolar.sweeping.store import drive, FILE, Store
 from visual_servo_epipolar.sweeping.summary import summaries
 from visual_servo_epipolar.sweeping.workers import cluster_workers, local_workers
 
-SHOWN = 3  # runs to look into that are named
 
-
-def sweep(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> int:
     """Run what is missing, draw, write, print; return 0 unless a run raised."""
     require('matplotlib')
     if options.scheduler is not None:
         require('distributed', otherwise='leave out --scheduler')
     plan = _plan(options)
-    folder = Path(options.out or Path(SWEEP_FOLDER, _name(plan)))
+    folder = Path(options.out or Path('sweep_out', _name(plan)))
     with Store(folder, plan) as store:
         _work(plan, store, options)
         documents = summaries(plan, store)

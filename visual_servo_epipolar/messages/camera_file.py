@@ -12,6 +12,7 @@ import yaml
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.registry import lens_name
+from visual_servo_epipolar.core.errors import listed
 from visual_servo_epipolar.files import yaml_document
 from visual_servo_epipolar.messages import read
 
@@ -31,9 +32,6 @@ OST_KEYS = {
     'distortion': 'distortion_coefficients',
     'projection': 'projection_matrix',
 }
-NAMED = 5  # of the cameras of a file, in a message
-
-
 SIDE, LARGEST = 100_000, 1e9  # of images [px], and of any number in a calibration
 
 
@@ -123,10 +121,9 @@ def _chosen(document: Any, name: str) -> Calibration:
             f'program, {BY_HAND}; of COLMAP and nerfstudio cx - 0.5 and cy - 0.5'
         )
     if name not in cameras and (name or len(cameras) > 1):
-        names = ', '.join([*cameras][:NAMED]) + (', ...' if len(cameras) > NAMED else '')
         raise ValueError(
-            f'the file has the cameras {names}, got {name or "no name"}; choose one, as in '
-            f'FILE#{next(iter(cameras))}'
+            f'the file has the cameras {listed([*cameras])}, got '
+            f'{name or "no name"}; choose one, as in FILE#{next(iter(cameras))}'
         )
     return cameras[name or next(iter(cameras))]()
 
@@ -188,13 +185,6 @@ def _of_ost(text: str) -> dict[str, Any]:
         elif key:
             document[key] = f'{document[key]} {line}'.strip()
     return document
-
-
-def entry(document: Mapping[str, Any], key: str) -> Any:
-    """Return what ``document`` has under ``key``, or raise ValueError."""
-    if key not in document:
-        raise ValueError(f'camera file lacks {key!r}')
-    return document[key]
 
 
 def numbers(value: Any, key: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
@@ -307,7 +297,6 @@ def _region(roi: Any) -> Region:
     return Region(**{name: whole_number(roi.get(name, 0), f'roi.{name}', 0) for name in names})
 
 
-KALIBR_LENSES = ('', 'plumb_bob', 'equidistant')  # none, radtan, equidistant, by ROS names
 KALIBR_REMEDY = 'calibrate with pinhole-radtan, or pinhole-equi for a fisheye'
 
 
@@ -330,15 +319,15 @@ def _of_kalibr(camera: Mapping[str, Any], prefix: str) -> Calibration:
         )
     fx, fy, cx, cy = numbers(camera['intrinsics'], f'{prefix}intrinsics', (4,))
     name = text(camera.get('distortion_model', 'none'), f'{prefix}distortion_model')
-    if lens_name(name) not in KALIBR_LENSES:
+    if lens_name(name) not in ('', 'plumb_bob', 'equidistant'):  # as ROS names them
         raise ValueError(
             f'{prefix}distortion_model must be radtan, equidistant or none, got {name!r:.40}; '
             f'{KALIBR_REMEDY}'
         )
     key = f'{prefix}resolution'
-    width, height = numbers(entry(camera, 'resolution'), key, (2,))
+    width, height = numbers(camera.get('resolution'), key, (2,))
     coefficients = 'distortion_coeffs' if 'distortion_coeffs' in camera else KEYS['distortion'][0]
-    d = entry(camera, coefficients) if lens_name(name) else camera.get(coefficients, ())
+    d = camera.get(coefficients, None if lens_name(name) else ())
     return Calibration(
         width=whole_number(width, key),
         height=whole_number(height, key),

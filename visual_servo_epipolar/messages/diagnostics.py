@@ -14,8 +14,7 @@ from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.read import BETWEEN
 
-ARROW_M = 1.0
-LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
+LEVELS = {Phase.HOLDING.value: DiagnosticStatus.WARN, Phase.FAILED.value: DiagnosticStatus.ERROR}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +66,7 @@ def diagnosis(
 
 
 def _level(state: ServoState, *, alarming: bool) -> bytes:
-    level: bytes = LEVELS.get(state.phase, DiagnosticStatus.OK)
+    level: bytes = LEVELS.get(state.phase.value, DiagnosticStatus.OK)
     return max(level, DiagnosticStatus.WARN) if alarming else level
 
 
@@ -102,8 +101,8 @@ def markers(state: ServoState, stamp_ns: int, frame_id: str) -> MarkerArray:
     if bearings is None:
         arrow.action = Marker.DELETE
     else:
-        right, ahead = math.sin(bearings.current), math.cos(bearings.current)
-        arrow.points = [Point(), Point(x=ARROW_M * right, y=0.0, z=ARROW_M * ahead)]
+        end = Point(x=math.sin(bearings.current), y=0.0, z=math.cos(bearings.current))
+        arrow.points = [Point(), end]  # a metre
         arrow.scale.x, arrow.scale.y = 0.03, 0.08
     return MarkerArray(markers=[words, arrow])
 

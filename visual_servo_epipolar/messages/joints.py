@@ -7,6 +7,7 @@ from typing import Any
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from visual_servo_epipolar.core.errors import listed
 from visual_servo_epipolar.core.rigs.rig import HeadCommand, Joints
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages.write import header
@@ -18,7 +19,6 @@ COMMAND_TYPES: Mapping[str, type[Any]] = {
     'trajectory': JointTrajectory,
 }
 REACHED_S = 0.1  # from now, when a trajectory is to be there
-SHOWN = 6  # names of joints in a message
 
 
 def read_joints(message: Any, names: Sequence[str]) -> dict[str, float]:
@@ -38,12 +38,6 @@ def read_joints(message: Any, names: Sequence[str]) -> dict[str, float]:
         )
     angles = dict(zip(present, map(float, message.position), strict=True))
     return {name: angles[name] for name in names if name in angles}
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return the names of joints in words."""
-    more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
-    return ', '.join(map(str, names[:SHOWN])) + more or 'none'
 
 
 def joint_states(joints: Joints, names: tuple[str, str], stamp_ns: int) -> JointState:

@@ -73,7 +73,6 @@ DAMAGES = (
     ValueError,
     RuntimeError,
 )
-FULL = (errno.ENOSPC, errno.EDQUOT)
 Loader = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
@@ -125,7 +124,8 @@ def write_route(route: Route, folder: Path) -> None:
 
 
 def _unwritable(folder: Path, error: OSError) -> InputError:
-    remedy = 'make room' if error.errno in FULL else 'name another folder'
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    remedy = 'make room' if full else 'name another folder'
     return InputError(
         f'{folder}: the route cannot be written: {error.strerror or error}; {remedy}, an earlier '
         'route there is as it was'

@@ -3,16 +3,15 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Path
 
-from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.routes.chain import path_poses
 from visual_servo_epipolar.core.routes.follower import RouteProgress
 from visual_servo_epipolar.core.routes.route import Route
 from visual_servo_epipolar.core.routes.run import RouteStep
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages.diagnostics import LEVELS
 
 FRAME = 'route'  # axes of the first key view: x forward, y left
 PROGRESS = ('view', 'remaining', 'lateral', 'lateral_deviation', 'way', 'turn', 'inliers')
-LEVELS = {Phase.HOLDING.value: DiagnosticStatus.WARN, Phase.FAILED.value: DiagnosticStatus.ERROR}
 
 
 def path(route: Route, stamp_ns: int) -> Path:

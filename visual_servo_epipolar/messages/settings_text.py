@@ -17,11 +17,10 @@ import yaml
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.files import yaml_document
+from visual_servo_epipolar.files import PACKAGE, yaml_document
 
 VERSION = re.compile(r'^# ([A-Za-z]\w{0,39}): ([^\s-]\S{0,39})$', re.MULTILINE)
 AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
-PACKAGE = 'visual_servo_epipolar'
 
 
 @dataclass(frozen=True, slots=True)

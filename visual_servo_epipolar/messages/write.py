@@ -35,9 +35,8 @@ TRACK_LAYOUT = np.dtype(
         ('back', '<u4'),
     ]
 )
-FIRST_NS, LAST_NS = -(2**31) * NANOSECONDS, 2**31 * NANOSECONDS - 1
 UNMEASURED = 1e6  # variance of an axis that nothing measures, by the custom of ROS
-X, Y, YAW = 0, 1, 5  # rows and columns of a covariance: x, y, z, then turns about them
+PLANAR = 0, 1, 5  # x, y and yaw among the rows of a covariance: x, y, z, turns about them
 POINT_TYPES = {'<u4': PointField.UINT32, '<f8': PointField.FLOAT64}
 TRACK_FIELDS = tuple(
     {'name': name, 'offset': int(item[1]), 'datatype': POINT_TYPES[item[0].str], 'count': 1}
@@ -48,7 +47,8 @@ TRACK_FIELDS = tuple(
 def stamp(stamp_ns: int) -> Time:
     """Return a time [ns] as a message; the first or last that there is of any beyond."""
     # Of 2^32 - 1 ns beside the last second, as a driver may send: no node may end by it.
-    stamp_ns = min(max(stamp_ns, FIRST_NS), LAST_NS)
+    whole = np.iinfo(np.int32)
+    stamp_ns = min(max(stamp_ns, whole.min * NANOSECONDS), (whole.max + 1) * NANOSECONDS - 1)
     return Time(sec=int(stamp_ns // NANOSECONDS), nanosec=int(stamp_ns % NANOSECONDS))
 
 
@@ -142,7 +142,7 @@ def odometry(
     if pose_covariance is not None:
         message.pose.covariance = covariance(pose_covariance)
     if twist_covariance is not None:
-        message.twist.covariance = covariance(twist_covariance, (X, YAW))
+        message.twist.covariance = covariance(twist_covariance, PLANAR[::2])
     return message
 
 
@@ -170,7 +170,7 @@ def pose_with_covariance(
     return message
 
 
-def covariance(measured: FloatArray, axes: tuple[int, ...] = (X, Y, YAW)) -> FloatArray:
+def covariance(measured: FloatArray, axes: tuple[int, ...] = PLANAR) -> FloatArray:
     """Return the 36 numbers, row by row, of a covariance in which only ``axes`` are measured."""
     whole = np.diag(np.full(6, UNMEASURED))
     whole[np.ix_(axes, axes)] = measured

@@ -8,13 +8,14 @@ from typing import Any
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from visual_servo_epipolar.core.errors import listed
 from visual_servo_epipolar.core.rigs.joint_history import HeadHistory
 from visual_servo_epipolar.core.rigs.rig import Command, Rig
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.messages.joints import COMMAND_TYPES, head_command, listed, read_joints
+from visual_servo_epipolar.messages.joints import COMMAND_TYPES, head_command, read_joints
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import DriverNodeSettings, ServoNodeSettings
 from visual_servo_epipolar.nodes.steady import Stopwatch

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.goal import goal_id
 from visual_servo_epipolar.core.settings import LARGEST
 from visual_servo_epipolar.files import whole, yaml_document
 from visual_servo_epipolar.messages import camera_file, encodings
-from visual_servo_epipolar.messages.camera_file import entry, text, whole_number
+from visual_servo_epipolar.messages.camera_file import text, whole_number
 
 PICTURES = frozenset({'.png', '.jpg', '.jpeg', '.tif', '.tiff', '.webp', '.bmp', '.pgm'})
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
@@ -105,11 +105,11 @@ def load(path: Path) -> Photograph | None:
     try:
         document = yaml_document(path.read_text(encoding='utf-8'))
         camera = camera_file.from_document(document)
-        picture = path.with_name(Path(text(entry(document, 'photograph'), 'photograph')).name)
+        picture = path.with_name(Path(text(document.get('photograph'), 'photograph')).name)
         image = None
         with suppress(FileNotFoundError, ValueError):
             image = read_picture(picture, picture.name)
-        stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LARGEST - 1)
+        stamp_ns = whole_number(document.get('stamp_ns'), 'stamp_ns', 0, LARGEST - 1)
         images = whole_number(document.get('images', 1), 'images', 1, LARGEST - 1)
         first = _check_picture(image, camera, document)
         more = tuple(read_picture(path.with_name(name), name) for name in _more(document))
@@ -171,6 +171,6 @@ def _check_picture(image: Image | None, camera: CameraModel, document: Any) -> I
         raise ValueError(
             f'its picture has {width}x{height} px, its camera {camera.width}x{camera.height}'
         )
-    if goal_id(image) != entry(document, 'goal'):
+    if goal_id(image) != document.get('goal'):
         raise ValueError(f'its picture {document["photograph"]} is another one')
     return image

@@ -10,9 +10,8 @@ from matplotlib.legend import Legend
 from matplotlib.patches import Polygon
 
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.report.style import robot_body, robot_nose, view_wedge
+from visual_servo_epipolar.report.style import GREY, robot_body, robot_nose, view_wedge
 
-GREY = '#8C8C8C'
 Place = Literal['upper left', 'upper center', 'lower center']
 PAD_PX = 6.0  # between the legend and the axes
 
@@ -34,9 +33,9 @@ def draw_robot(axes: Axes, pose: Pose, colour: str = GREY, *, dashed: bool = Fal
     axes.update_datalim(body)
 
 
-def draw_field_of_view(axes: Axes, pose: Pose, angle: float, reach: float) -> None:
-    """Shade what a camera of that horizontal ``angle`` [rad] sees, up to ``reach`` [m]."""
-    wedge = view_wedge(pose, angle=angle, reach=reach)
+def draw_field_of_view(axes: Axes, pose: Pose, angle: float) -> None:
+    """Shade what a camera of that horizontal ``angle`` [rad] sees."""
+    wedge = view_wedge(pose, angle=angle)
     axes.add_patch(Polygon(wedge, facecolor=GREY, alpha=0.15, edgecolor='none', zorder=1))
     axes.update_datalim(wedge)
 

@@ -5,7 +5,6 @@ from functools import partial
 import math
 from pathlib import Path
 import textwrap
-from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -30,7 +29,6 @@ from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.canvas import (
     draw_field_of_view,
     draw_robot,
-    GREY,
     legend_outside,
     new_figure,
 )
@@ -39,6 +37,7 @@ from visual_servo_epipolar.report.style import (
     DESIRED_COLOUR,
     FIELD_OF_VIEW,
     FIGURE_SETTINGS,
+    GREY,
     INK,
     phase_label,
 )
@@ -167,14 +166,9 @@ def _key_above(axes: Axes) -> None:
 
 def _draw_recorded(panels: Sequence[Axes], log: RunLog, recorded: FloatArray) -> None:
     """Draw recorded commands behind those of the run, in the ``panels`` of velocities."""
-    look: dict[str, Any] = {
-        'color': GREY,
-        'linewidth': 3.0,
-        'drawstyle': 'steps-post',
-        'zorder': 1,
-    }
     for axes, values in zip(panels, recorded.T, strict=True):
-        axes.plot(seconds(log), values, label='recorded', **look)
+        (line,) = axes.plot(seconds(log), values, drawstyle='steps-post', label='recorded')
+        line.set(color=GREY, linewidth=3.0, zorder=1)
         axes.autoscale(axis='y')
         _key_above(axes)
 
@@ -190,10 +184,7 @@ DRAWN: tuple[Panel, ...] = (
 )
 
 
-DOTS_PER_INCH = 150
 ZOOM = 0.1  # half the side of the close-up around the goal [m]
-WEDGE_REACH = 0.9  # [m]
-LABELS_AT = -0.075  # left of the axes, of their width
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -232,7 +223,8 @@ def signals(log: RunLog, recorded: FloatArray | None = None) -> Figure:
         shade(axes, spans)
         if log.samples[-1].phase.ended:
             axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
-        axes.yaxis.set_label_coords(LABELS_AT, 0.5)  # ``align_ylabels`` takes 0.15 s for seven
+        # Left of the axes, of their width: ``align_ylabels`` takes 0.15 s for seven.
+        axes.yaxis.set_label_coords(-0.075, 0.5)
     panels[0].set_xlim(0.0, max(seconds(log)[-1], 1e-3))
     if recorded is not None:
         _draw_recorded(panels[1:3], log, recorded)
@@ -250,7 +242,7 @@ def save(figure: Figure, path: Path | str) -> Path:
     """
     path = Path(path)
     with whole(path) as partial:
-        figure.savefig(partial, dpi=DOTS_PER_INCH, format=path.suffix[1:] or 'png')
+        figure.savefig(partial, dpi=150, format=path.suffix[1:] or 'png')
     return path
 
 
@@ -287,7 +279,7 @@ def _milestones(log: RunLog) -> list[Sample]:
 def _draw_plane(axes: Axes, log: RunLog) -> None:
     draw_robot(axes, DESIRED_POSE, dashed=True)
     for pose in (DESIRED_POSE, log.samples[0].pose):
-        draw_field_of_view(axes, pose, log.field_of_view or FIELD_OF_VIEW, WEDGE_REACH)
+        draw_field_of_view(axes, pose, log.field_of_view or FIELD_OF_VIEW)
     _draw_path(axes, log, 1.0)
     for sample in _milestones(log):
         draw_robot(axes, sample.pose, phase_colour(sample.phase.value))

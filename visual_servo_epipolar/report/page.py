@@ -16,7 +16,6 @@ from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 FILE = 'report.html'
-DASH = '\N{EN DASH}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str | None]]) -> str:
     """Return a table; a dash for None."""
 
     def line(tag: str, cells: Sequence[str | None]) -> str:
-        parts = (DASH if cell is None else escape(cell) for cell in cells)
+        parts = ('\N{EN DASH}' if cell is None else escape(cell) for cell in cells)
         return f'<tr>{"".join(f"<{tag}>{part}</{tag}>" for part in parts)}</tr>'
 
     return '\n'.join(['<table>', line('th', head), *(line('td', row) for row in rows), '</table>'])

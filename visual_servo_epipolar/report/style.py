@@ -10,7 +10,8 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 
 CURRENT_COLOUR = '#D55E00'
 DESIRED_COLOUR = '#0072B2'
-INK = '#222222'
+INK, GREY = '#222222', '#8C8C8C'
+REACH = 0.9  # to which a field of view is drawn [m]
 
 FIGURE_SETTINGS: dict[Any, Any] = {
     'font.family': 'sans-serif',
@@ -69,7 +70,7 @@ def robot_nose(pose: Pose) -> FloatArray:
     return _moved_to(_NOSE, pose)
 
 
-def view_wedge(pose: Pose, *, angle: float, reach: float) -> FloatArray:
+def view_wedge(pose: Pose, *, angle: float, reach: float = REACH) -> FloatArray:
     """
     Return what a camera at ``pose`` sees, cut off at ``reach`` [m]: a sector of ``angle`` [rad].
 

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.laws.registry import phase_colour
 from visual_servo_epipolar.core.servo.run_log import kind
@@ -26,11 +25,8 @@ from visual_servo_epipolar.report.style import FIELD_OF_VIEW, FIGURE_SETTINGS, I
 
 Run = Mapping[str, Any]
 ERRORS_MM = (0.1, 50.0)  # ends of the colour scale; beyond the upper one a run is wrong
-COLOURS = 'viridis_r'
 FAILED_COLOUR = phase_colour('failed')
 WRONG_COLOUR = '#CC79A7'
-WEDGE_REACH = 1.0  # [m]
-PANEL = 4.6  # side of a map [in]
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -43,7 +39,8 @@ def starts(
     ``documents`` are law -> document as `visual_servo sweep` writes it, one panel each, in their
     order, before the colour bar. ``field_of_view`` is the camera's horizontal angle [rad].
     """
-    figure = new_figure(1.6 + PANEL * len(documents), 1.3 + PANEL)
+    side = 4.6  # of a map [in]
+    figure = new_figure(1.6 + side * len(documents), 1.3 + side)
     panels = figure.subplots(1, len(documents), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (law, document) in zip(panels, documents.items(), strict=True):
         coloured = _draw_starts(axes, document['runs'], field_of_view)
@@ -57,30 +54,21 @@ def starts(
 
 
 def _draw_starts(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCollection:
-    draw_field_of_view(axes, DESIRED_POSE, field_of_view, WEDGE_REACH)
+    draw_field_of_view(axes, DESIRED_POSE, field_of_view)
     draw_robot(axes, DESIRED_POSE, dashed=True)
     size = float(np.clip(900.0 / len(runs), 5.0, 30.0))  # of a marker [pt^2]
-    groups = {
-        name: [run for run in runs if kind(run) == name]
-        for name in ('failed', 'arrived', 'wrong', 'raised')
+    errors = [1e3 * run['position_error_m'] for run in runs if kind(run) == 'arrived']
+    scale = LogNorm(*ERRORS_MM)
+    looks: dict[str, dict[str, Any]] = {
+        'failed': {'s': size, 'marker': 'x', 'c': FAILED_COLOUR, 'lw': 0.9, 'zorder': 4},
+        'wrong': {'s': 4 * size, 'marker': 's', 'c': WRONG_COLOUR, 'ec': INK, 'zorder': 5},
+        'raised': {'s': 6 * size, 'marker': '*', 'c': INK, 'zorder': 6},
+        'arrived': {'s': size, 'c': errors, 'cmap': 'viridis_r', 'norm': scale, 'zorder': 3},
     }
-    arrived = groups['arrived']
-    errors = [1e3 * run['position_error_m'] for run in arrived]
-    x, y = _places(arrived).T
-    coloured = axes.scatter(
-        x, y, s=size, c=errors, cmap=COLOURS, norm=LogNorm(*ERRORS_MM), zorder=3
-    )
-    x, y = _places(groups['failed']).T
-    axes.scatter(x, y, s=size, marker='x', c=FAILED_COLOUR, lw=0.9, zorder=4)
-    x, y = _places(groups['wrong']).T
-    axes.scatter(x, y, s=4 * size, marker='s', c=WRONG_COLOUR, ec=INK, zorder=5)
-    x, y = _places(groups['raised']).T
-    axes.scatter(x, y, s=6 * size, marker='*', c=INK, zorder=6)
-    return coloured
-
-
-def _places(runs: Sequence[Run]) -> FloatArray:
-    return np.array([run['start'][:2] for run in runs], dtype=np.float64).reshape(-1, 2)
+    for name, look in looks.items():
+        places = [run['start'][:2] for run in runs if kind(run) == name]
+        drawn = axes.scatter(*np.array(places, np.float64).reshape(-1, 2).T, **look)
+    return drawn  # of those that arrived
 
 
 def _title(law: str, document: Mapping[str, Any]) -> str:

@@ -185,7 +185,7 @@ def changed(key, value):
             (lambda path: path.write_text('a: [1'), 'cannot be used'),
             (without('camera_matrix'), "lacks 'camera_matrix'"),
             (without('photograph'), "'photograph'"),
-            (without('stamp_ns'), "'stamp_ns'"),
+            (without('stamp_ns'), 'stamp_ns must be a whole number'),
             (without('goal'), "'goal'"),
             (changed('photograph', None), 'photograph must be a name, got None'),
             (changed('photograph', [1]), 'photograph must be a name, got [1]'),

@@ -17,8 +17,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.files import PACKAGE
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.settings_text import installed_versions, NodeSettings, PACKAGE
+from visual_servo_epipolar.messages.settings_text import installed_versions, NodeSettings
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be

@@ -10,7 +10,7 @@ import sys
 from time import monotonic
 from typing import Any
 
-from visual_servo_epipolar.commands.main import INTERRUPTED, TERMINATED
+from visual_servo_epipolar.commands.main import BAD_INPUT, INTERRUPTS, SIGNALLED
 from visual_servo_epipolar.commands.outputs import OutputFolder
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import write_whole
@@ -18,7 +18,8 @@ from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.sweeping.provenance import commit
 
 PAGE = 'results.md'
-UNFINISHED = (2, INTERRUPTED, TERMINATED)  # exit codes; others are those of a judged run
+# Exit codes; others are those of a judged run.
+UNFINISHED = {BAD_INPUT, *(SIGNALLED + number for number in INTERRUPTS)}
 BOTH = '--compare full,smooth'
 # What the page of results shows, by the name of its section; {out} is a folder for the runs.
 COMMANDS: Mapping[str, str] = {

@@ -12,6 +12,8 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.report.images.drawing import BGR, bgr, draw_lines, draw_text, fill
 from visual_servo_epipolar.report.style import (
     FIELD_OF_VIEW,
+    FIGURE_SETTINGS,
+    GREY,
     INK,
     robot_body,
     robot_nose,
@@ -19,9 +21,6 @@ from visual_servo_epipolar.report.style import (
 )
 
 WIDTH = 560  # of the map [px]
-CLEARANCE = 1.0  # around start and goal [m]: a robot that backs off farther leaves the map
-GREY: BGR = (175, 175, 175)
-GRID: BGR = (228, 228, 228)
 
 
 class MapView:
@@ -33,8 +32,9 @@ class MapView:
     """
 
     def __init__(self, start: Pose, height: int, field_of_view: float = FIELD_OF_VIEW) -> None:
-        low = np.minimum(0.0, (start.x, start.y)) - CLEARANCE
-        high = np.maximum(0.0, (start.x, start.y)) + CLEARANCE
+        # A metre around start and goal: a robot that backs off farther leaves the map.
+        low = np.minimum(0.0, (start.x, start.y)) - 1.0
+        high = np.maximum(0.0, (start.x, start.y)) + 1.0
         size = np.array([WIDTH, height])
         self._scale = float((size / (high - low)).min())
         self._origin = 0.5 * (size - self._scale * (low + high) * (1.0, -1.0))
@@ -43,11 +43,12 @@ class MapView:
         self._last: Sample | None = None
         self._canvas: Image = np.full((height, WIDTH, 3), 255, dtype=np.uint8)
         reach = math.ceil(max(WIDTH, height) / self._scale + np.abs((low, high)).max())
+        grid, grey = bgr(FIGURE_SETTINGS['grid.color']), bgr(GREY)
         for k in range(-reach, reach + 1):
             lines = np.array([[(k, -reach), (k, reach)], [(-reach, k), (reach, k)]])
-            draw_lines(self._canvas, self.pixels(lines), GRID)
-        self._draw_outline(self._canvas, DESIRED_POSE, GREY, 2)
-        self._draw_outline(self._canvas, start, GREY, 1)
+            draw_lines(self._canvas, self.pixels(lines), grid)
+        self._draw_outline(self._canvas, DESIRED_POSE, grey, 2)
+        self._draw_outline(self._canvas, start, grey, 1)
 
     def add(self, sample: Sample) -> None:
         """Take one control step into the path."""

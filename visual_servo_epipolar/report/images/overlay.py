@@ -27,13 +27,11 @@ RED: BGR = (60, 50, 255)
 GREEN: BGR = (70, 225, 60)
 FLOW: BGR = (90, 230, 255)
 LINE: BGR = (255, 190, 70)
-WHITE: BGR = (255, 255, 255)
-DARK: BGR = (20, 20, 20)
+DARK = bgr(INK)
 EPIPOLE = '#FF50FF'
 
 CROSS = np.array([((-1.0, -1.0), (1.0, 1.0)), ((-1.0, 1.0), (1.0, -1.0))])
 MAX_EPIPOLAR_LINES = 10  # more hide the picture
-LINE_OPACITY = 0.55
 
 
 def draw_overlay(
@@ -101,7 +99,7 @@ def _draw_epipolar_lines(
     segments = epipolar_segments(points @ np.asarray(fundamental), width, height)
     lines = picture.copy()
     draw_lines(lines, segments, LINE, max(1, round(1.6 * unit)))
-    cv2.addWeighted(lines, LINE_OPACITY, picture, 1.0 - LINE_OPACITY, 0.0, dst=picture)
+    cv2.addWeighted(lines, 0.5, picture, 0.5, 0.0, dst=picture)
 
 
 def _draw_features(picture: Image, current: FloatArray, desired: FloatArray, unit: float) -> None:
@@ -144,7 +142,7 @@ def _draw_header(
         left += draw_label(picture, header, (left, middle), size, colour)
     count = f'{len(errors)} features' + (f', {np.median(errors):.1f} px' if len(errors) else '')
     right = picture.shape[1] - text_size(count, size)[0] - 14.0 * unit
-    draw_text(picture, count, (right, middle), size, WHITE)
+    draw_text(picture, count, (right, middle), size, (255, 255, 255))
     key = (('x current', RED), ('o desired', GREEN))
     left += 24.0 * unit
     for text, shade in key:

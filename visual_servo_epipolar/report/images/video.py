@@ -34,7 +34,6 @@ FIRST = {'movflags': '+faststart'}
 # Camera noise is most of what is to be encoded: nr takes some of it out, crf lets the rest go.
 # A key frame every 10 s is what a browser can jump to. One thread costs a tenth less than many;
 # without frames predicted from later ones it takes a fifth less time, for a fifth more bytes.
-CODEC = 'libx264'
 OPTIONS = {
     'preset': 'superfast',
     'crf': '30',
@@ -118,7 +117,7 @@ class VideoWriter(AbstractContextManager['VideoWriter']):
         with self._raise_input_errors():
             # The index comes first, so that a page can play what it has so far.
             self._container = self._av.open(str(self._part), 'w', options=FIRST)
-            self._stream = self._container.add_stream(CODEC, rate=rate, options=OPTIONS)
+            self._stream = self._container.add_stream('libx264', rate=rate, options=OPTIONS)
             self._stream.pix_fmt, (self._stream.width, self._stream.height) = 'yuv420p', self.size
             self._stream.codec_context.time_base = self._time_base
             self._container.start_encoding()
