@@ -6,7 +6,7 @@ from pathlib import Path
 import re
 import subprocess
 
-from command_line import COMMAND, environment, refusal, ROOT, TINY
+from command_line import COMMAND, document, environment, refusal, ROOT, TINY
 import cv2
 import pytest
 
@@ -28,13 +28,6 @@ PACKAGE = ROOT / 'visual_servo_epipolar'
 COMMANDS = parser(EVALUATION).commands
 
 
-def visual_servo(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the command in a process of its own."""
-    return subprocess.run(
-        [*COMMAND, *arguments], env=environment(), capture_output=True, text=True, timeout=120
-    )
-
-
 @pytest.fixture
 def scenario(tmp_path) -> str:
     path = tmp_path / 'tiny.yaml'
@@ -42,34 +35,25 @@ def scenario(tmp_path) -> str:
     return str(path)
 
 
-def test_simulate_arrives_and_prints_only_json() -> None:
-    ended = visual_servo('simulate', *START, '--seed', '1', '--json', '-')
-    assert ended.returncode == 0, ended.stderr
+def test_simulate_prints_a_summary_or_json_alone(tmp_path, capsys) -> None:
+    path, words = tmp_path / 'result ä.json', ('simulate', *START, '--seed', '1', '--json')
+    assert main([*words, str(path)]) == 0
+    assert 'arrived after' in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == [path]
+    ended = subprocess.run([*COMMAND, *words, '-'], env=environment(), capture_output=True)
+    assert (ended.returncode, ended.stderr, ended.stdout) == (0, b'', path.read_bytes())
     result = json.loads(ended.stdout)
     assert result.keys() >= KEYS
     assert (result['outcome'], result['start'], result['seed']) == ('arrived', [1, -3, 0], 1)
     assert all(phase.keys() == {'name', 'start_s', 'end_s'} for phase in result['phases'])
-    assert ended.stderr == ''
 
 
-def test_simulate_prints_a_summary_and_writes_json_to_a_file(tmp_path, capsys) -> None:
-    path = tmp_path / 'result ä.json'
-    assert main(['simulate', *START, '--json', str(path)]) == 0
-    assert json.loads(path.read_text()).keys() >= KEYS
-    assert 'arrived after' in capsys.readouterr().out
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_the_printed_sign_fails_with_a_reason(capsys) -> None:
-    assert main(['simulate', *START, '--source', 'features', '--law', 'paper', '--json', '-']) == 1
-    result = json.loads(capsys.readouterr().out)
+def test_the_printed_sign_fails_with_a_reason_and_no_way_is_no_ratio(capsys) -> None:
+    result = document(capsys, 'simulate', *START, '--law', 'paper', code=1)
     assert (result['outcome'], result['law']) == ('failed', 'paper')
     assert result['reason']
-
-
-def test_a_run_from_the_goal_itself_is_valid_json(capsys) -> None:
-    assert main(['simulate', '--start', '0', '0', '0', '--json', '-']) == 0
-    assert json.loads(capsys.readouterr().out)['max_distance_ratio'] is None
+    result = document(capsys, 'simulate', '--start', '0', '0', '0')
+    assert result['max_distance_ratio'] is None
 
 
 SIMULATE = ('simulate', *START)
@@ -94,6 +78,8 @@ REFUSED = [
     ([*SIMULATE, '--law', 'other'], 'law must be one of'),
     ([*SIMULATE, '--estimator', 'other'], 'estimator must be one of'),
     ([*SIMULATE, '--source', 'other'], 'invalid choice'),
+    ([*SIMULATE, '--scenario', 'smal'], 'did you mean small?'),
+    (['replay', 'no_bag', '--set', 'look_ahead=0.3'], 'did you mean servo.look_ahead?'),
 ]
 
 
@@ -166,20 +152,20 @@ def test_what_is_not_writable_is_refused_first(
     assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
-@pytest.mark.parametrize('action', ['teach', 'demo'])
 @pytest.mark.parametrize('option', ['', '=~/mine'])
-def test_a_folder_is_no_place_for_a_route(capsys, tmp_path, monkeypatch, action, option) -> None:
+@pytest.mark.parametrize(
+    ('words', 'by_default', 'below'),
+    [(['teach', 'bag'], 'bag_route', ''), (['demo'], 'route_out', 'route')],
+)
+def test_a_folder_is_no_place_for_a_route(
+    capsys, tmp_path, monkeypatch, words, by_default, below, option
+) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv('HOME', str(tmp_path))
-    folder = tmp_path / (
-        {'teach': 'bag_route', 'demo': 'route_out/route'}[action]
-        if not option
-        else {'teach': 'mine', 'demo': 'mine/route'}[action]
-    )
+    folder = tmp_path / ('mine' if option else by_default) / below
     folder.mkdir(parents=True)
     (folder / 'thesis.tex').touch()
-    words = ['route', action, *(['bag'] if action == 'teach' else [])]
-    error = refusal(capsys, *words, *([f'--out{option}'] if option else []))
+    error = refusal(capsys, 'route', *words, *([f'--out{option}'] if option else []))
     assert 'holds something else, thesis.tex; name another one' in error
 
 
@@ -192,16 +178,14 @@ def test_an_unknown_option_names_its_subcommand(capsys, name) -> None:
     )
 
 
-def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
+def test_the_demo_equals_the_simulation_in_memory(tmp_path, capsys, scenario) -> None:
     pytest.importorskip('rclpy')
     pytest.importorskip('matplotlib')
-    common = (*CLOSE, '--scenario', scenario, '--seed', '4', '--json', '-')
-    demo = visual_servo('demo', '--out', str(tmp_path / 'out'), *common)
-    simulation = visual_servo('simulate', '--source', 'images', *common)
-    assert demo.returncode == simulation.returncode == 1, demo.stderr  # two seconds are too short
-    assert json.loads(demo.stdout) == json.loads(simulation.stdout)
-    assert json.loads((tmp_path / 'out' / 'result.json').read_text()) == json.loads(demo.stdout)
-    assert 'not arrived within 2 s' in json.loads(demo.stdout)['reason']
+    common = (*CLOSE, '--scenario', scenario, '--seed', '4')
+    demo = document(capsys, 'demo', '--out', str(tmp_path / 'out'), *common, code=1)
+    assert demo == document(capsys, 'simulate', '--source', 'images', *common, code=1)
+    assert json.loads((tmp_path / 'out' / 'result.json').read_text()) == demo
+    assert 'not arrived within 2 s' in demo['reason']
     for name in ('trajectory.png', 'signals.png'):
         picture = cv2.imread(str(tmp_path / 'out' / name))
         assert picture is not None and picture.std() > 0.0, name
@@ -254,22 +238,13 @@ def test_the_gains_are_driven_with_as_they_are_printed(tmp_path, capsys) -> None
     path.write_text(f'run: {{max_duration: 60}}\n{lines}')
     assert '/**:' in lines
     assert load(path).servo.initial_distance == 5.0
-    assert (
-        main(['simulate', '--start', '1', '-3', '0', '--scenario', str(path), '--json', '-']) == 0
-    )
-    assert json.loads(capsys.readouterr().out)['outcome'] == 'arrived'
+    result = document(capsys, 'simulate', *START, '--scenario', str(path))
+    assert result['outcome'] == 'arrived'
 
 
 def test_scenarios_leave_out_the_connections_of_nodes() -> None:
     kinds = (ServoNodeSettings, TrackerNodeSettings)
     assert CONNECTION == {'use_sim_time', *(name for kind in kinds for name in names_of(kind))}
-
-
-def test_a_scenario_and_a_setting_without_its_section_are_answered(capsys) -> None:
-    assert main(['simulate', '--start', '1', '-3', '0', '--scenario', 'smal']) == 2
-    assert 'did you mean small?' in capsys.readouterr().err
-    assert main(['replay', 'no_bag', '--set', 'look_ahead=0.3']) == 2
-    assert 'did you mean servo.look_ahead?' in capsys.readouterr().err
 
 
 AWAY = ('--start', '0', '-3', '180', '--scenario')

@@ -1,6 +1,5 @@
 """Commands that are ended early: one line, nothing half written; a pipe that is not read."""
 
-from collections.abc import Sequence
 import json
 import os
 from pathlib import Path
@@ -10,14 +9,13 @@ import sys
 import time
 from typing import Any
 
-from command_line import COMMAND, environment, TINY
+from command_line import COMMAND, environment, started, TIMEOUT_SEC, TINY, wait_for
 import pytest
 
 from visual_servo_epipolar.commands import simulate
 from visual_servo_epipolar.commands.main import main, terminable, Terminated
 from visual_servo_epipolar.files import write_whole
 
-TIMEOUT_SEC = 120.0
 START = ('--start', '1', '-3', '0')
 
 
@@ -100,26 +98,16 @@ def test_a_terminated_demo_closes_its_bag_and_leaves_no_half_video(tmp_path, sig
     from bag_reading import read_back
 
     (tmp_path / 'small.yaml').write_text(TINY)
-    process = subprocess.Popen(
-        [*COMMAND, 'demo', *START, '--scenario', 'small.yaml', '--out', 'out', '--bag', 'images'],
-        cwd=tmp_path,
-        env=environment(),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    words = ('demo', *START, '--scenario', 'small.yaml', '--out', 'out', '--bag', 'images')
     bag = tmp_path / 'out/bag'
-    try:
-        end = time.monotonic() + TIMEOUT_SEC
-        while not any(file.stat().st_size > 1_000_000 for file in bag.glob('bag_0.*')):
-            assert time.monotonic() < end, f'waited {TIMEOUT_SEC:g} s for messages in {bag}'
-            assert process.poll() is None, process.stderr.read()
-            time.sleep(0.02)
+
+    def holds_images() -> bool:
+        return any(file.stat().st_size > 1_000_000 for file in bag.glob('bag_0.*'))
+
+    with started(*words, folder=tmp_path) as process:
+        wait_for(process, holds_images, f'messages in {bag}')
         signalled(process.pid, signal.SIGTERM)
         output, errors = process.communicate(timeout=TIMEOUT_SEC)
-    finally:
-        process.kill()
     assert (process.returncode, output) == (143, '')
     assert errors.splitlines()[-1] == 'visual_servo demo: interrupted'
     assert 'Traceback' not in errors
@@ -128,51 +116,45 @@ def test_a_terminated_demo_closes_its_bag_and_leaves_no_half_video(tmp_path, sig
     assert '/cmd_vel' in {topic for topic, _, _ in read_back(bag)}
 
 
-def piped(arguments: Sequence[str], *, unbuffered: str) -> tuple[int, str]:
-    """Run the command with its output to a pipe whose reader has left."""
+@pytest.mark.parametrize(
+    ('words', 'unbuffered'),
+    [
+        ('gains --json -', ''),
+        ('gains --json -', '1'),
+        ('--help', ''),
+        ('gains --json r.json', '1'),
+    ],
+)
+def test_an_unread_pipe_ends_a_command_without_a_word(tmp_path, words, unbuffered) -> None:
     reader, writer = os.pipe()
     os.close(reader)
-    process = subprocess.run(
-        [*COMMAND, *arguments],
+    ended = piped(writer, words, tmp_path, unbuffered)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (141, '')
+    for path in [tmp_path / 'r.json'] * ('r.json' in words):  # before the pipe is found closed
+        assert json.loads(path.read_text())['k1'] > 0.0
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='/dev/full is of Linux')
+def test_output_that_cannot_be_written_is_reported_once(tmp_path) -> None:
+    with open('/dev/full', 'w') as full:
+        ended = piped(full.fileno(), 'gains', tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr == ('visual_servo: output cannot be written: No space left on device\n')
+
+
+def piped(
+    output: int, words: str, folder: Path, unbuffered: str = ''
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *words.split()],
+        cwd=folder,
         env=environment(PYTHONUNBUFFERED=unbuffered),
-        stdout=writer,
+        stdout=output,
         stderr=subprocess.PIPE,
         text=True,
         timeout=TIMEOUT_SEC,
     )
-    os.close(writer)
-    return process.returncode, process.stderr
-
-
-@pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
-def test_an_unread_pipe_ends_a_command_without_a_word(unbuffered) -> None:
-    assert piped(('gains', '--json', '-'), unbuffered=unbuffered) == (141, '')
-
-
-def test_unread_help_is_quiet_too() -> None:
-    assert piped(('--help',), unbuffered='') == (141, '')
-
-
-def test_the_files_are_written_before_the_pipe_is_found_closed(tmp_path: Path) -> None:
-    path = tmp_path / 'result.json'
-    arguments = ('gains', '--json', str(path))
-    assert piped(arguments, unbuffered='1')[0] == 141
-    assert json.loads(path.read_text())['k1'] > 0.0
-
-
-@pytest.mark.skipif(not Path('/dev/full').exists(), reason='/dev/full is of Linux')
-def test_output_that_cannot_be_written_is_reported_once() -> None:
-    with open('/dev/full', 'w') as full:
-        ended = subprocess.run(
-            [*COMMAND, 'gains'],
-            env=environment(PYTHONUNBUFFERED=''),
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=TIMEOUT_SEC,
-        )
-    assert ended.returncode == 2
-    assert ended.stderr == ('visual_servo: output cannot be written: No space left on device\n')
 
 
 def test_folders_of_a_json_file_are_made_once_there_is_a_result(tmp_path, capsys) -> None:

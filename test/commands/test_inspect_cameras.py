@@ -41,9 +41,6 @@ def inspected_by(folder: Path, camera: str | Camera, *more: str) -> tuple[int, d
     return inspect(folder, 'current', *more)
 
 
-# Those are of a lens that distorts, of 386 px: other rays, by a degree in the corners.
-
-
 def test_a_camera_is_named_after_the_file(photographs: Path, capsys) -> None:
     assert inspected_by(photographs, CAMCHAIN)[0] == 2
     assert 'has the cameras cam0, cam1, cam2, got no name' in capsys.readouterr().err

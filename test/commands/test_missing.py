@@ -1,10 +1,11 @@
 """What is not installed: the rest works, and one line says what is missing and what to do."""
 
+from collections.abc import Sequence
 from pathlib import Path
 import subprocess
 import sys
 
-from command_line import environment, TINY
+from command_line import COMMAND, environment, TINY
 import pytest
 
 from visual_servo_epipolar.commands.main import main, parser
@@ -46,44 +47,30 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def without(
-    packages: tuple[str, ...], folder: Path, *arguments: str
+def started(
+    folder: Path, text: str, *arguments: str, module: str = 'sitecustomize'
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command where ``packages`` cannot be imported."""
-    return beside('sitecustomize', BLOCKER.format(packages=packages), folder, *arguments)
-
-
-def beside(
-    module: str, text: str, folder: Path, *arguments: str
-) -> subprocess.CompletedProcess[str]:
-    """Run the command where ``module`` is found before all others."""
-    return start(module, text, folder, '-m', 'visual_servo_epipolar', *arguments)
-
-
-def start(
-    module: str, text: str, folder: Path, *arguments: str
-) -> subprocess.CompletedProcess[str]:
-    """Run Python likewise."""
+    """Run Python where ``module``, of that ``text``, is found before all others."""
     (folder / 'first').mkdir()
     (folder / f'first/{module}.py').write_text(text)
+    command = [sys.executable, *arguments]
+    env = environment(folder / 'first')
     return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=folder,
-        env=environment(folder / 'first'),
-        capture_output=True,
-        text=True,
-        timeout=120,
+        command, cwd=folder, env=env, capture_output=True, text=True, timeout=120
     )
+
+
+def without(
+    packages: Sequence[str], folder: Path, *words: str
+) -> subprocess.CompletedProcess[str]:
+    """Run the command where ``packages`` cannot be imported."""
+    return started(folder, BLOCKER.format(packages=packages), *COMMAND[1:], *words)
 
 
 def test_what_is_free_of_ros_works_without_ros_and_without_bags(folder: Path) -> None:
     commands = (SIMULATE, (*SWEEP, '--out', 'out'), INSPECT, ('gains', '--json', 'gains.json'))
-    ended = start(
-        'sitecustomize',
-        BLOCKER.format(packages=('rclpy', *BAGS)),
-        folder,
-        *('-c', f'from {main.__module__} import main; print(*map(main, {commands}))'),
-    )
+    code = f'from {main.__module__} import main; print(*map(main, {commands}))'
+    ended = started(folder, BLOCKER.format(packages=('rclpy', *BAGS)), '-c', code)
     assert (ended.returncode, ended.stderr) == (0, '')
     # A second is too short to arrive, and the same photograph twice has no epipoles.
     assert ended.stdout.splitlines()[-1] == '1 0 1 0'
@@ -111,8 +98,7 @@ def test_help_comes_at_once_for_it_loads_no_library(tmp_path: Path, name: str) -
 
 
 ROS_LINE = (
-    "ROS 2 cannot be imported (No module named 'rclpy'); source your ROS 2 Jazzy, or run "
-    '"make setup" and use .venv'
+    'ROS 2 cannot be imported ({}); source your ROS 2 Jazzy, or run "make setup" and use .venv'
 )
 BAG_LINE = (
     ' is missing; pip install rosbags mcap (on Ubuntu 24.04 in a venv with '
@@ -120,24 +106,15 @@ BAG_LINE = (
 )
 
 
-def test_without_ros_the_demo_says_so(folder: Path) -> None:
-    ended = without(('rclpy', *BAGS), folder, *DEMO)
-    assert (ended.returncode, ended.stdout) == (2, '')
-    assert ended.stderr == f'visual_servo demo: {ROS_LINE}\n'
-
-
-def test_what_a_command_needs_at_once_is_reported_in_one_line(folder: Path) -> None:
-    ended = without(('matplotlib',), folder, 'reproduce', 'sim1', '--out', 'out')
-    assert (ended.returncode, ended.stdout) == (2, '')
-    assert ended.stderr == (
-        'visual_servo reproduce: matplotlib is missing; apt install python3-matplotlib, or pip '
-        'install matplotlib\n'
-    )
-
-
 @pytest.mark.parametrize(
     ('package', 'arguments', 'line'),
     [
+        ('rclpy', DEMO, ROS_LINE.format('import of rclpy halted; None in sys.modules')),
+        (
+            'matplotlib',
+            ('reproduce', 'sim1', '--out', 'out'),
+            'matplotlib is missing; apt install',
+        ),
         ('rosbags', DEMO, f'rosbags{BAG_LINE}'),
         ('mcap', DEMO, f'mcap{BAG_LINE}'),
         ('matplotlib', DEMO, 'matplotlib is missing; apt install python3-matplotlib'),
@@ -168,7 +145,8 @@ def test_what_is_missing_is_reported_first(
 def test_what_is_there_and_cannot_be_loaded_is_reported_when_it_is_to_draw(folder: Path) -> None:
     pytest.importorskip('rclpy')
     broken = "raise ImportError('libfreetype.so: no such file')"
-    ended = beside('matplotlib', broken, folder, *DEMO, '--bag', 'none')
+    words = (*COMMAND[1:], *DEMO, '--bag', 'none')
+    ended = started(folder, broken, *words, module='matplotlib')
     assert ended.returncode == 2, ended.stderr
     said = 'visual_servo demo: libfreetype.so: no such file; install what it needs'
     assert said in ended.stderr.splitlines()
@@ -176,17 +154,21 @@ def test_what_is_there_and_cannot_be_loaded_is_reported_when_it_is_to_draw(folde
     assert (folder / 'out/run.json').is_file()
 
 
-@pytest.mark.parametrize('name', ['rclpy._rclpy_pybind11', 'sensor_msgs.msg', 'std_srvs'])
-def test_packages_of_ros_come_with_ros(name: str) -> None:
-    error = ModuleNotFoundError('it is not there', name=name)
-    assert remedy(error).startswith('ROS 2 cannot be imported (it is not there); source your ROS')
+@pytest.mark.parametrize(
+    ('error', 'words'),
+    [
+        *(
+            (ModuleNotFoundError('it is not there', name=name), ROS_LINE.format('it is not there'))
+            for name in ('rclpy._rclpy_pybind11', 'sensor_msgs.msg', 'std_srvs')
+        ),
+        (ImportError('libx.so: cannot open'), 'libx.so: cannot open; install'),
+    ],
+)
+def test_what_is_missing_has_a_remedy(error: ImportError, words: str) -> None:
+    assert remedy(error).startswith(words)
 
 
 def test_a_module_of_our_own_that_is_missing_is_a_defect() -> None:
     error = ModuleNotFoundError('x', name='visual_servo_epipolar.core.other')
     with pytest.raises(ModuleNotFoundError):
         remedy(error)
-
-
-def test_a_library_that_cannot_be_loaded_says_so_itself() -> None:
-    assert remedy(ImportError('libx.so: cannot open')).startswith('libx.so: cannot open; install')

@@ -41,12 +41,19 @@ def run(environment: dict[str, str], *arguments: str) -> Any:
     return json.loads(done.stdout)
 
 
-def test_the_example_drives_the_robot_to_the_goal(environment: dict[str, str]) -> None:
-    result = run(environment, 'simulate', '--start', '0.5', '-3', '5', '--law', 'bounded')
-    assert (result['outcome'], result['law']) == ('arrived', 'bounded')
-    assert result['position_error_m'] < 0.01
-    plain = run(environment, 'simulate', '--start', '0.5', '-3', '5')
+@pytest.mark.parametrize(
+    ('option', 'name'),
+    [('law', 'bounded'), pytest.param('estimator', 'linear_8pt', marks=pytest.mark.long)],
+)
+def test_the_example_drives_the_robot_to_the_goal(environment, option, name) -> None:
+    start = ('simulate', '--start', '0.5', '-3', '5')
+    result, plain = run(environment, *start, f'--{option}', name), run(environment, *start)
+    assert result['outcome'] == 'arrived'
+    assert result['position_error_m'] < 0.02
     assert plain['path_length_m'] != result['path_length_m']
+    done = python(environment, '-m', 'visual_servo_epipolar', *start, '--estimator', 'linear_9pt')
+    assert done.returncode == 2
+    assert "soft_planar, linear_8pt, got 'linear_9pt'" in done.stderr
 
 
 @pytest.mark.long
@@ -70,15 +77,6 @@ def test_a_node_takes_it(environment: dict[str, str]) -> None:
     assert done.stdout.strip() == 'bounded', done.stderr
 
 
-@pytest.mark.long
-def test_an_estimator_of_ones_own_finds_the_goal(environment: dict[str, str]) -> None:
-    start = ('simulate', '--start', '0.5', '-3', '5')
-    result = run(environment, *start, '--estimator', 'linear_8pt')
-    assert result['outcome'] == 'arrived'
-    assert result['position_error_m'] < 0.02
-    assert result['path_length_m'] != run(environment, *start)['path_length_m']
-
-
 def test_a_matcher_of_ones_own_finds_the_photograph(environment: dict[str, str], tmp_path) -> None:
     scenario = tmp_path / 'orb.yaml'
     camera = small_cameras.sized(320, 256, 192.3, 158.4, 127.6)
@@ -87,13 +85,6 @@ def test_a_matcher_of_ones_own_finds_the_photograph(environment: dict[str, str],
     result = run(environment, 'simulate', *start, '--scenario', str(scenario))
     assert result['outcome'] == 'arrived'
     assert result['position_error_m'] < 0.01
-
-
-def test_an_unknown_estimator_is_named(environment: dict[str, str]) -> None:
-    command = ['simulate', '--start', '0', '-3', '0', '--estimator', 'linear_9pt']
-    done = python(environment, '-m', 'visual_servo_epipolar', *command)
-    assert done.returncode == 2
-    assert "soft_planar, linear_8pt, got 'linear_9pt'" in done.stderr
 
 
 @pytest.mark.parametrize('example', EXAMPLES, ids=lambda path: path.name)

@@ -7,7 +7,6 @@ from types import ModuleType
 from typing import Any
 
 from loaded import loaded
-from matplotlib.figure import Figure
 from node_process import row_of
 import pytest
 from sweeps import result
@@ -97,26 +96,15 @@ def document(**changes: Any) -> dict[str, Any]:
     return head | {'longest_s': 180.0, 'commit': 'abc', 'rows': rows}
 
 
-def texts(drawn: Figure) -> list[str]:
-    return [text.get_text() for axes in drawn.axes[:2] for text in axes.texts]
-
-
-def frames(module: ModuleType, drawn: Figure) -> int:
-    patches = [patch for axes in drawn.axes[:2] for patch in axes.patches]
-    return sum(patch.get_linewidth() == 2.0 and not patch.get_fill() for patch in patches)
-
-
-def test_each_camera_has_a_cell_with_arrivals_and_error(mounts_figure: ModuleType) -> None:
-    drawn = mounts_figure.draw(document())
+@pytest.mark.parametrize('unsafe', [{}, {'max_distance_ratio': 1.3}, {'wrong_geometry_s': 1.0}])
+def test_each_camera_has_a_cell_that_is_framed_if_a_run_is_unsafe(mounts_figure, unsafe) -> None:
+    axes = mounts_figure.draw(document(**unsafe)).axes[:2]
+    texts = [text.get_text() for each in axes for text in each.texts]
     cells = [cell for cell in on_features() if cell.group in mounts_figure.GROUPS]
-    assert texts(drawn) == ['50 %\n2.0 mm'] * len(cells)
-    assert frames(mounts_figure, drawn) == 0
-
-
-@pytest.mark.parametrize('unsafe', [{'max_distance_ratio': 1.3}, {'wrong_geometry_s': 1.0}])
-def test_a_camera_with_an_unsafe_run_is_framed(mounts_figure, unsafe) -> None:
-    drawn = mounts_figure.draw(document(**unsafe))
-    assert frames(mounts_figure, drawn) == len(texts(drawn))
+    assert texts == ['50 %\n2.0 mm'] * len(cells)
+    patches = [patch for each in axes for patch in each.patches]
+    framed = sum(patch.get_linewidth() == 2.0 and not patch.get_fill() for patch in patches)
+    assert framed == len(cells) * bool(unsafe)
 
 
 def test_a_result_that_was_written_is_drawn(mounts_figure: ModuleType, tmp_path, capsys) -> None:

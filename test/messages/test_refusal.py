@@ -78,7 +78,7 @@ REFUSED = [
     (read.gray, image, 'encoding', 'bgr8', 'at least 18 each'),
     *(
         (read.gray, image, 'encoding', it, f'one of mono8, .* got {it!r}')
-        for it in ('', '32FC1', 'bayer_rggb', 'nv99')
+        for it in ('', '32FC1', 'bayer_rggb', 'nv99', 'mono16', 'bayer_rggb16', 'nv24')
     ),
     *((read.gray, image, side, 0, 'image is empty') for side in ('width', 'height')),
     (read.camera, info, 'k.0', 0.0, r'K\[0\] = 0 means an uncalibrated camera'),
@@ -136,14 +136,10 @@ def test_a_feature_may_lie_a_pixel_outside_and_no_more(u, count, of_desired) -> 
     assert warning.startswith(expected) if count == 0 else warning == ''
 
 
-def test_ids_that_stand_twice_are_refused() -> None:
-    wrong = replace(features(10.0, of_desired=False), ids=[1, 1])
-    taken, warning = checked_features(wrong, CAMERA)
-    assert len(taken) == 0
+def test_tracks_of_others_are_refused_with_the_reason() -> None:
+    twice = replace(features(10.0, of_desired=False), ids=[1, 1])
+    _, warning = checked_tracks(write.features(twice, 0, 'camera'), CAMERA)
     assert warning.startswith('tracks refused: of 2 ids 1 differ')
-
-
-def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:
     message = write.features(features(10.0, of_desired=False), 0, 'camera')
     assert len(checked_tracks(message, CAMERA)[0]) == 2
     message.fields = []

@@ -67,14 +67,11 @@ def assert_same_features(actual: Features, expected: Features) -> None:
         np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), name)
 
 
-def pixels(channels: int) -> np.ndarray:
-    shape = (5, 7) if channels == 1 else (5, 7, 3)
-    return np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
-
-
 @given(value=feature_sets())
 def test_features_come_back_exactly(value: Features) -> None:
-    assert_same_features(read.features(write.features(value, STAMP_NS, 'camera')), value)
+    message = write.features(value, STAMP_NS, 'camera')
+    for delivered in (message, from_bag(message)):
+        assert_same_features(read.features(delivered), value)
 
 
 def test_rows_that_the_photograph_does_not_show_are_left_out() -> None:
@@ -84,11 +81,6 @@ def test_rows_that_the_photograph_does_not_show_are_left_out() -> None:
     rows = np.frombuffer(message.data, write.TRACK_LAYOUT)
     rows['desired_u'][1] = rows['desired_v'][1] = np.nan
     assert read.features(message).ids.tolist() == [1]
-
-
-@given(value=feature_sets())
-def test_features_from_a_bag_are_the_same(value: Features) -> None:
-    assert_same_features(read.features(from_bag(write.features(value, STAMP_NS, 'camera'))), value)
 
 
 def test_tracks_of_another_byte_order_are_read_right() -> None:
@@ -106,20 +98,15 @@ def test_tracks_of_another_byte_order_are_read_right() -> None:
 
 
 @pytest.mark.parametrize('camera', CAMERAS, ids=lambda camera: f'{len(camera.distortion)} numbers')
-@pytest.mark.parametrize('deliver', [lambda message: message, from_bag], ids=['live', 'bag'])
-def test_a_camera_comes_back_exactly(camera: Camera, deliver) -> None:
-    assert read.camera(deliver(write.camera_info(camera, STAMP_NS, 'camera'))) == camera
+def test_a_camera_comes_back_exactly(camera: Camera) -> None:
+    message = write.camera_info(camera, STAMP_NS, 'camera')
+    assert read.camera(message) == read.camera(from_bag(message)) == camera
 
 
 @given(x=finite, y=finite, theta=st.floats(-3.14, 3.14))
 def test_a_pose_comes_back_as_the_simulation_in_memory_has_it(x, y, theta) -> None:
     message = write.odometry(Pose(x, y, theta), Twist(0.0, 0.0), STAMP_NS, 'world', 'base')
     assert read.pose(message) == published(Pose(x, y, theta)) == read.pose(from_bag(message))
-
-
-@given(x=finite, theta=st.floats(-3.14, 3.14))
-def test_the_heading_survives_its_quaternion_to_rounding(x, theta) -> None:
-    message = write.odometry(Pose(x, 0.0, theta), Twist(0.0, 0.0), STAMP_NS, 'world', 'base')
     assert read.pose(message).theta == pytest.approx(theta, abs=1e-15)
 
 
@@ -150,16 +137,12 @@ def test_a_stamp_comes_back_exactly(stamp_ns) -> None:
     assert read.stamp_ns(write.header(stamp_ns, '')) == stamp_ns
 
 
-def test_a_mono_image_comes_back_exactly() -> None:
-    message = write.image(pixels(1), 'mono8', STAMP_NS, 'camera')
-    np.testing.assert_array_equal(read.gray(message), pixels(1))
-    np.testing.assert_array_equal(read.gray(from_bag(message)), pixels(1))
-
-
-def test_a_view_of_an_image_is_written_as_it_looks() -> None:
-    mirrored = pixels(1)[:, ::-2]
-    again = read.gray(write.image(mirrored, 'mono8', STAMP_NS, 'camera'))
-    np.testing.assert_array_equal(again, mirrored)
+@pytest.mark.parametrize('columns', [slice(None), slice(None, None, -2)], ids=['whole', 'view'])
+def test_an_image_comes_back_as_it_looks(columns: slice) -> None:
+    pixels = np.random.default_rng(1).integers(0, 256, (5, 7), dtype=np.uint8)[:, columns]
+    message = write.image(pixels, 'mono8', STAMP_NS, 'camera')
+    for delivered in (message, from_bag(message)):
+        np.testing.assert_array_equal(read.gray(delivered), pixels)
 
 
 def test_named_numbers_come_back_with_nan() -> None:
@@ -188,27 +171,20 @@ STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (st
 
 
 @pytest.mark.parametrize(
-    ('carried', 'level', 'words'),
+    ('seen', 'refuted', 'words'),
     [
-        (False, DiagnosticStatus.OK, STEP_1),
-        (True, DiagnosticStatus.WARN, f'{STEP_1}; 8 features in view, by the memory of views'),
+        ({}, '', ''),
+        ({'features': 8, 'carried': True}, '', '8 features in view, by the memory of views'),
+        ({}, 'odometry leaps', 'odometry leaps'),
     ],
 )
-def test_too_few_features_are_a_warning_while_the_memory_carries_on(carried, level, words) -> None:
-    state = in_phase(
-        Phase.ZEROING_EPIPOLES, measurement=sight(features=8, carried=carried), memory=MEMORY
-    )
-    status = diagnosis(state, 1, name='servo').status[0]
-    assert (status.level, status.message) == (level, words)
-
-
-def test_odometry_that_is_not_used_any_more_is_a_warning() -> None:
-    state = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight(), memory=MEMORY)
-    state = state.changed(odometry=Odometry(refuted='odometry leaps'))
-    status = diagnosis(state, 1, name='servo').status[0]
-    words = f'{STEP_1}; odometry leaps'
-    assert (status.level, status.message) == (DiagnosticStatus.WARN, words)
-    assert {item.key: item.value for item in status.values}['odometry'] == 'odometry leaps'
+def test_few_features_and_refuted_odometry_are_a_warning(seen, refuted, words) -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight(**seen), memory=MEMORY)
+    state = state.changed(odometry=Odometry(refuted=refuted))
+    message = diagnosis(state, 1, name='servo')
+    status, level = message.status[0], DiagnosticStatus.WARN if words else DiagnosticStatus.OK
+    assert (status.level, status.message) == (level, '; '.join(filter(None, [STEP_1, words])))
+    assert read.diagnosis(message)['odometry'] == refuted
 
 
 @pytest.mark.parametrize('phase', PHASES)

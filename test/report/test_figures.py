@@ -1,16 +1,17 @@
 """What a reader needs is in the figures: the data, its units, the phases."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 import json
 import math
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 import cv2
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 import numpy as np
 import pytest
 from servo_states import PHASES
@@ -18,9 +19,8 @@ from servo_states import PHASES
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
-from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.report.figures import robust_limit, save, signals, trajectory
 from visual_servo_epipolar.report.run_file import load_run, RunFile, save_run
 from visual_servo_epipolar.report.style import (
@@ -32,14 +32,6 @@ from visual_servo_epipolar.report.style import (
 )
 
 Draw = Callable[[RunLog], Figure]
-
-
-def labelled_lines(axes: Axes) -> dict[str, Line2D]:
-    return {str(line.get_label()): line for line in axes.get_lines()}
-
-
-def drawn_points(line: Line2D) -> FloatArray:
-    return np.asarray(line.get_xydata(), dtype=np.float64)
 
 
 def panel(figure: Figure, label: str) -> Axes:
@@ -54,7 +46,7 @@ def words(figure: Figure) -> set[str]:
 def test_path_has_every_pose_and_one_line_a_phase(log: RunLog) -> None:
     lines = trajectory(log).axes[0].get_lines()
     words = {phase.value for phase in PHASES}
-    stretches = [drawn_points(line) for line in lines if line.get_label() in words]
+    stretches = [line.get_xydata() for line in lines if line.get_label() in words]
     # A stretch ends on the first pose of the next one, so that the path has no gaps.
     joined = np.concatenate([s[:-1] for s in stretches[:-1]] + [stretches[-1]])
     np.testing.assert_array_equal(joined, [(s.pose.x, s.pose.y) for s in log.samples])
@@ -63,113 +55,90 @@ def test_path_has_every_pose_and_one_line_a_phase(log: RunLog) -> None:
 
 def test_close_up_is_in_millimetres(log: RunLog) -> None:
     close = trajectory(log).axes[-1]
-    ends = [drawn_points(line)[-1] for line in close.get_lines()]
+    ends = [line.get_xydata()[-1] for line in close.get_lines()]
     final = log.samples[-1].pose
     assert any(np.allclose(end, (1000.0 * final.x, 1000.0 * final.y)) for end in ends)
     assert (close.get_xlabel(), close.get_ylabel()) == ('x [mm]', 'y [mm]')
     assert close.get_xlim() == (-100.0, 100.0)
 
 
-def suptitle(figure: Figure) -> str:
-    return next(text.get_text() for text in figure.texts)
+def drawn(figure: Figure, label: str, line: str = '_child0') -> FloatArray:
+    lines = {str(each.get_label()): each for each in panel(figure, label).get_lines()}
+    return np.asarray(lines[line].get_ydata(), dtype=np.float64)
 
 
-def test_title_has_start_and_errors(log: RunLog) -> None:
-    title = suptitle(trajectory(log))
-    final = log.samples[-1].pose
+def changed(log: RunLog, **columns: Sequence[Any]) -> RunLog:
+    """Return the run with other values of its samples."""
+    rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+    pairs = zip(log.samples, rows, strict=True)
+    return replace(log, samples=[replace(sample, **row) for sample, row in pairs])
+
+
+@pytest.mark.parametrize('outcome', ['arrived', 'failed'])
+def test_title_has_start_and_errors_and_the_reason_of_a_failure(log: RunLog, outcome: str) -> None:
+    figure = trajectory(replace(log, outcome=outcome, reason='too dark'))
+    title, final = next(text.get_text() for text in figure.texts), log.samples[-1].pose
     assert f'{1000.0 * final.distance:.1f} mm' in title
     assert f'{math.degrees(final.heading_error):+.2f} deg' in title
     assert 'x -0.6 m, y -3 m, heading +8 deg' in title
-
-
-@pytest.mark.parametrize(('outcome', 'why'), [('arrived', 'matched'), ('failed', 'too dark')])
-def test_the_title_has_the_reason_of_a_failure_alone(log: RunLog, outcome: str, why: str) -> None:
-    title = suptitle(trajectory(replace(log, outcome=outcome, reason=why)))
-    assert (why in title) == ('\n' in title) == (outcome == 'failed')
+    assert ('too dark' in title) == ('\n' in title) == (outcome == 'failed')
 
 
 @pytest.mark.parametrize('draw', [trajectory, signals])
-def test_legend_names_the_phases_in_their_order(draw: Draw, log: RunLog) -> None:
-    names = {sample.phase.value.replace('_', ' ') for sample in log.samples}
-    assert names <= words(draw(log))
-
-
-@pytest.mark.parametrize('draw', [trajectory, signals])
-def test_axes_have_units(draw: Draw, log: RunLog) -> None:
-    for axes in draw(log).axes:
+def test_legend_names_the_phases_and_axes_have_units(draw: Draw, log: RunLog) -> None:
+    figure = draw(log)
+    assert {sample.phase.value.replace('_', ' ') for sample in log.samples} <= words(figure)
+    for axes in figure.axes:
         if axes.axison and axes.get_ylabel() != 'visible\nfeatures':
             assert '[' in axes.get_ylabel()
 
 
-@pytest.mark.parametrize(
-    ('label', 'line', 'field'),
-    [
+def test_panels_show_the_log(log: RunLog) -> None:
+    figure = signals(log)
+    for label, line, field in (
         ('epipoles [px]', 'current $e_{au}$', 'epipole_current'),
         ('epipoles [px]', 'desired $e_{du}$', 'epipole_desired'),
         ('D [px$^2$]', '_child0', 'feature_difference'),
         ('visible features', '_child0', 'features'),
         ('median feature error [px]', '_child0', 'feature_error'),
-    ],
-)
-def test_panels_show_the_log(log: RunLog, label: str, line: str, field: str) -> None:
-    drawn = labelled_lines(panel(signals(log), label))[line]
-    np.testing.assert_array_equal(drawn.get_ydata(), [getattr(s, field) for s in log.samples])
-
-
-@pytest.mark.parametrize(
-    ('label', 'field'),
-    [('linear velocity [m/s]', 'linear'), ('angular velocity [rad/s]', 'angular')],
-)
-def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
-    drawn = panel(signals(log), label).get_lines()[0]
-    expected = [getattr(s.twist, field) for s in log.samples]
-    np.testing.assert_array_equal(drawn.get_ydata(), expected)
-
-
-def test_without_ground_truth_no_distance_is_drawn(log: RunLog) -> None:
-    samples = [replace(sample, pose=DESIRED_POSE) for sample in log.samples]  # as a replay has it
-    axes = panel(signals(replace(log, samples=samples)), 'distance [m]')
-    assert np.isnan(axes.get_lines()[0].get_ydata()).all()
-    assert axes.texts[0].get_text() == 'not measured'
+        ('linear velocity [m/s]', '_child0', 'twist.linear'),
+        ('angular velocity [rad/s]', '_child0', 'twist.angular'),
+    ):
+        expected = list(map(attrgetter(field), log.samples))
+        np.testing.assert_array_equal(drawn(figure, label, line), expected, label)
 
 
 def test_recorded_commands_stand_behind_those_of_a_replay(log: RunLog) -> None:
     recorded = np.full((len(log.samples), 2), (2.0, math.nan))
     axes = panel(signals(log, recorded), 'linear velocity [m/s]')
-    line = labelled_lines(axes)['recorded']
+    line = next(line for line in axes.get_lines() if line.get_label() == 'recorded')
     assert set(line.get_ydata()) == {2.0}
     assert line.get_zorder() < axes.get_lines()[0].get_zorder()
     assert axes.get_ylim()[1] > 2.0
 
 
 @pytest.mark.parametrize('differences', [(-2e5, -20.0), (-2e5, 3e5), (-5.0, -0.1), (0.0, 0.0)])
-def test_ticks_of_the_difference_are_few(log, differences) -> None:
-    samples = [
-        replace(sample, feature_difference=it)
-        for sample, it in zip(
-            log.samples, np.linspace(*differences, len(log.samples)), strict=True
-        )
-    ]
-    axes = panel(signals(replace(log, samples=samples)), 'D [px$^2$]')
+def test_odd_values_can_be_read_off(log: RunLog, differences: tuple[float, float]) -> None:
+    count = len(log.samples)
+    odd = changed(
+        log,
+        pose=[DESIRED_POSE] * count,  # as a replay has it, without ground truth
+        twist=[Twist(0.3, 0.0)] * count,
+        epipole_current=[math.inf if k == 40 else 1.0 for k in range(count)],
+        feature_difference=np.linspace(*differences, count).tolist(),
+    )
+    figure = signals(odd)
+    assert np.isnan(drawn(figure, 'distance [m]')).all()
+    assert panel(figure, 'distance [m]').texts[0].get_text() == 'not measured'
+    low, high = panel(figure, 'linear velocity [m/s]').get_ylim()
+    assert low < 0.0 and high > 0.3
+    axes = panel(figure, 'D [px$^2$]')
     low, high = axes.get_ylim()
-    assert 1 <= sum(low <= it <= high for it in axes.get_yticks()) <= 9
+    assert 1 <= sum(low <= it <= high for it in axes.get_yticks()) <= 9  # ticks are few
     assert low <= min(differences) and max(differences) <= high
-
-
-def test_an_even_speed_is_in_view(log: RunLog) -> None:
-    samples = [replace(sample, twist=Twist(0.3, 0.0)) for sample in log.samples]
-    axes = panel(signals(replace(log, samples=samples)), 'linear velocity [m/s]')
-    assert axes.get_ylim()[0] < 0.0 and axes.get_ylim()[1] > 0.3
-
-
-def test_epipole_beyond_the_panel_is_a_gap_and_a_mark(log: RunLog) -> None:
-    wild = [
-        replace(s, epipole_current=math.inf) if k == 40 else s for k, s in enumerate(log.samples)
-    ]
-    axes = panel(signals(replace(log, samples=wild)), 'epipoles [px]')
-    lines = axes.get_lines()
-    assert math.isnan(drawn_points(lines[0])[40, 1])
-    assert 0.0 < drawn_points(lines[1])[0, 1] < axes.get_ylim()[1]
+    axes = panel(figure, 'epipoles [px]')
+    gap, mark = (line.get_ydata() for line in axes.get_lines()[:2])
+    assert math.isnan(gap[40]) and 0.0 < mark[0] < axes.get_ylim()[1]
 
 
 def test_robust_limit_ignores_what_runs_off_and_what_is_not_there() -> None:
@@ -188,24 +157,14 @@ def test_figure_is_written_as_png_and_leaves_nothing_else(draw, log, tmp_path) -
     image = cv2.imread(str(path))
     assert image is not None
     assert image.shape == (round(150 * height), round(150 * width), 3)
-
-
-def test_failed_writing_leaves_nothing(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='not supported'):
-        save(trajectory(log), tmp_path / 'figure.docx')
-    assert list(tmp_path.iterdir()) == []
+        save(figure, tmp_path / 'figure.docx')
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_single_sample_without_measurements_can_be_drawn(log: RunLog, tmp_path: Path) -> None:
-    nothing = replace(
-        log.samples[0],
-        phase=Phase.WAITING,
-        epipole_current=math.nan,
-        epipole_desired=math.nan,
-        feature_difference=math.nan,
-        feature_error=math.nan,
-    )
-    short = replace(log, samples=[nothing], outcome='failed', reason='no image')
+    nothing = [Sample(0, log.samples[0].pose)]
+    short = replace(log, samples=nothing, outcome='failed', reason='no image')
     save(trajectory(short), tmp_path / 't.png')
     figure = signals(short)
     save(figure, tmp_path / 's.png')
@@ -230,14 +189,8 @@ def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
         colours = [perceived(phase_colour(phase.value), eye) for phase in (one, other)]
         # Thirty of 441: the closest pair of the palette of Okabe and Ito is at 37.
         assert np.linalg.norm(colours[0] - colours[1]) > 30.0, (one, other)
-
-
-def test_word_that_is_no_phase_has_a_colour() -> None:
-    assert phase_colour('tracking') == GREY
+    assert phase_colour('tracking') == GREY  # a word that is no phase
     assert GREY not in [phase_colour(phase.value) for phase in PHASES]
-
-
-def test_text_is_black_on_bright_and_white_on_dark() -> None:
     assert (text_colour_on('#FFFFFF'), text_colour_on('#0072B2')) == ('#000000', '#FFFFFF')
 
 
@@ -247,36 +200,26 @@ def test_robot_points_along_its_heading() -> None:
     np.testing.assert_allclose(nose[0], (1.0, 2.20))
 
 
-def test_wedge_opens_from_the_camera_by_its_angle() -> None:
+def test_a_view_opens_from_the_camera_by_its_angle_and_all_around_has_no_corner() -> None:
     wedge = view_wedge(Pose(1.0, 0.0, 0.0), angle=1.2, reach=2.0)
     np.testing.assert_allclose(wedge[0], (1.0, 0.0))
     np.testing.assert_allclose(wedge[-1], (1.0 + 2.0 * math.cos(0.6), 2.0 * math.sin(0.6)))
-
-
-def test_a_view_all_around_is_a_circle_without_a_corner() -> None:
     circle = view_wedge(Pose(2.0, -1.0, 0.3), angle=math.tau, reach=0.5)
     assert np.hypot(*(circle - (2.0, -1.0)).T) == pytest.approx(0.5)
 
 
 def test_a_run_comes_back_to_the_last_bit(log, tmp_path) -> None:
-    run = RunFile(log, {'servo': {'k1': 0.1, 'law': 'full'}}, {'numpy': '2.0'})
-    save_run(run, tmp_path)
-    loaded = load_run(tmp_path)
-    assert repr(loaded) == repr(run)  # for nan is not equal to itself
-    assert [path.name for path in tmp_path.iterdir()] == ['run.json']
-
-
-def test_what_was_not_measured_is_null_not_nan(log, tmp_path) -> None:
-    first, *others = log.samples
-    blind = replace(log, samples=[replace(first, feature_error=math.nan), *others])
-    text = save_run(RunFile(blind), tmp_path).read_text()
-    assert 'NaN' not in text
-    assert json.loads(text)['samples']['feature_error'][0] is None
-
-
-def test_a_missing_file_is_reported(tmp_path) -> None:
     with pytest.raises(InputError, match=r'run\.json: run cannot be read: No such file'):
         load_run(tmp_path)
+    first, *others = log.samples
+    blind = replace(log, samples=[replace(first, feature_error=math.nan), *others])
+    run = RunFile(blind, {'servo': {'k1': 0.1, 'law': 'full'}}, {'numpy': '2.0'})
+    text = save_run(run, tmp_path).read_text()
+    loaded = load_run(tmp_path)
+    whole = replace(run, log=replace(blind, samples=tuple(blind.samples)))
+    assert repr(loaded) == repr(whole)  # for nan is not equal to itself
+    assert [path.name for path in tmp_path.iterdir()] == ['run.json']
+    assert 'NaN' not in text and json.loads(text)['samples']['feature_error'][0] is None
 
 
 @pytest.mark.parametrize(

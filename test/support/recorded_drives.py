@@ -72,6 +72,16 @@ def befallen(change: Change) -> RecordedDrive:
     return RecordedDrive(drive.camera, *change(list(drive.images), list(drive.odometry)))
 
 
+def wheels(change: Callable[[list[Told]], list[Told]]) -> Change:
+    """Return a change of what the odometry tells alone."""
+    return lambda images, odometry: (images, change(odometry))
+
+
+def moved(along: Callable[[int], float]) -> Change:
+    """Return what moves pose k of the odometry forward [m]."""
+    return wheels(lambda odometry: [it.moved(along(k)) for k, it in enumerate(odometry)])
+
+
 def backward(images: list[Seen], odometry: list[Told]) -> tuple[list[Seen], list[Told]]:
     return (
         [replace(it, image=other.image) for it, other in zip(images, images[::-1], strict=True)],
@@ -90,25 +100,18 @@ def to_and_fro(images: list[Seen], odometry: list[Told]) -> tuple[list[Seen], li
 
 def rolled(back: float) -> Change:
     """Return what lets the robot roll back where it stops."""
-    return lambda images, odometry: (
-        images,
-        [
-            it.moved(-back if k >= PER_IMAGE * IMAGES - 10 else 0.0)
-            for k, it in enumerate(odometry)
-        ],
-    )
+    return moved(lambda k: -back * (k >= PER_IMAGE * IMAGES - 10))
 
 
 def two_sources(x: float, y: float = 0.0, frame: str = 'odom') -> Change:
-    def change(images: list[Seen], odometry: list[Told]) -> tuple[list[Seen], list[Told]]:
+    def change(odometry: list[Told]) -> list[Told]:
         others = [
-            replace(it.moved(x, y), came_ns=it.came_ns + S // 100, stamp_ns=it.stamp_ns + S // 100)
+            Told(it.came_ns + S // 100, it.stamp_ns + S // 100, it.moved(x, y).pose, frame)
             for it in odometry
         ]
-        others = [replace(it, frame=frame) for it in others]
-        return images, sorted(odometry + others, key=lambda it: it.came_ns)
+        return sorted(odometry + others, key=lambda it: it.came_ns)
 
-    return change
+    return wheels(change)
 
 
 def stamps(of_images: Callable[[int], int], of_odometry: Callable[[int], int]) -> Change:
@@ -146,32 +149,26 @@ REFUSED: dict[str, tuple[Change, str]] = {
     'to and fro': (to_and_fro, 'after 1.10 m, 2.4 s from the first image: the robot drove back'),
     'rolls back': (rolled(0.07), 'the robot drove backward by 0.07 m, at most 0.05 m can be'),
     'odometry ends early': (
-        lambda images, odometry: (images, odometry[:110]),
+        wheels(lambda odometry: odometry[:110]),
         '/odom is 2.22 s older than the image, stamped 1700000002.18 s and 1700000004.40 s',
     ),
     'odometry leaps': (
-        lambda images, odometry: (
-            images,
-            [it.moved(0.6 * (k // 40 % 2)) for k, it in enumerate(odometry)],
-        ),
+        moved(lambda k: 0.6 * (k // 40 % 2)),
         '/odom leaps by 0.61 m and 0.00 rad in 0.020 s, at most 5 m/s and 12 rad/s can be',
     ),
     'odometry is reset': (
-        lambda images, odometry: (
-            images,
-            [it.moved(-4.0 if k >= 100 else 0.0) for k, it in enumerate(odometry)],
-        ),
+        moved(lambda k: -4.0 * (k >= 100)),
         'after 0.95 m, 1.9 s from the first image: /odom leaps by 3.99 m',
     ),
     'odometry is silent': (
-        lambda images, odometry: (images, odometry[:50] + odometry[180:]),
+        wheels(lambda odometry: odometry[:50] + odometry[180:]),
         '/odom was silent for 2.62 s, at most 1 s can be',
     ),
     'two sources 4 cm apart': (two_sources(0.04), '/odom goes to and fro by 0.03 m in 0.020 s'),
     'two sources side by side': (two_sources(0.0, 0.04), '/odom goes to and fro by 0.04 m'),
     'two sources 30 cm apart': (two_sources(0.3), '/odom leaps by 0.29 m and 0.00 rad in 0.010 s'),
     'odometry stands still': (
-        lambda images, odometry: (images, [replace(it, pose=odometry[0].pose) for it in odometry]),
+        wheels(lambda odometry: [replace(it, pose=odometry[0].pose) for it in odometry]),
         'the robot did not drive, by /odom; look at its wheels',
     ),
     'two frames': (two_sources(0.0, 0.0, 'ekf'), '/odom is in the frame'),
@@ -210,33 +207,22 @@ REFUSED: dict[str, tuple[Change, str]] = {
 }
 # What a route comes of all the same, its length [m], and what is said about it.
 TAKEN: dict[str, tuple[Change, float, str]] = {
-    'as it was': (lambda images, odometry: (images, odometry), LENGTH, ''),
-    'rocking by millimetres': (
-        lambda images, odometry: (
-            images,
-            [it.moved(0.004 * (k // 10 % 2)) for k, it in enumerate(odometry)],
-        ),
-        LENGTH,
-        '',
-    ),
+    'as it was': (wheels(lambda odometry: odometry), LENGTH, ''),
+    'rocking by millimetres': (moved(lambda k: 0.004 * (k // 10 % 2)), LENGTH, ''),
     'rolls back': (rolled(0.03), LENGTH, ''),
     'odometry twice': (
-        lambda images, odometry: (images, [it for it in odometry for _ in range(2)]),
+        wheels(lambda odometry: [it for it in odometry for _ in range(2)]),
         LENGTH,
         '',
     ),
-    'images out of order': (
-        swapped,
-        LENGTH,
-        '22 images are left out, not newer than the one before',
-    ),
+    'images out of order': (swapped, LENGTH, '22 images are left out, not newer than the one be'),
     'each image twice': (
         shown(lambda k: k // 2 * 2),
         LENGTH,
         '22 images are left out, the same as the one before while the robot drove',
     ),
     'odometry begins late': (
-        lambda images, odometry: (images, odometry[75:]),
+        wheels(lambda odometry: odometry[75:]),
         1.25,
         '15 images are left out, before /odom begins, 1.5 s after the first',
     ),
