@@ -184,9 +184,9 @@ def changed(key, value):
             (lambda path: path.write_bytes(b'\xff\xfe\x00'), 'cannot be used'),
             (lambda path: path.write_text('a: [1'), 'cannot be used'),
             (without('camera_matrix'), "lacks 'camera_matrix'"),
-            (without('photograph'), "'photograph'"),
+            (without('photograph'), 'photograph must be a name, got None'),
             (without('stamp_ns'), 'stamp_ns must be a whole number'),
-            (without('goal'), "'goal'"),
+            (without('goal'), 'is another one'),
             (changed('photograph', None), 'photograph must be a name, got None'),
             (changed('photograph', [1]), 'photograph must be a name, got [1]'),
             *(
