@@ -13,7 +13,6 @@ OFF_CENTRE = 0.2  # of the image's size, that a principal point may lie off the 
 SCALED, SAME_SCALE = 0.1, 0.06  # that it lies off by in proportion where K is of another size
 RESOLUTIONS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 5, 5 / 4, 4 / 3, 3 / 2, 2, 3, 4)
 OFF_TILT, LIKE_TILT = math.radians(3.0), 0.4  # that is doubted, and how alike the two are, of it
-OFF_SCALE = 0.05  # of K that is doubted where a tilt is as well
 MOST_SKEW = 0.2  # of the focal length: pixels are all but rectangles
 NARROWEST, WIDEST_PINHOLE = 1.0, 170.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
@@ -62,7 +61,7 @@ def doubtful_tilt(camera: CameraModel, tilt: float) -> str:
     middle = np.array([[0.5 * (camera.width - 1.0), 0.5 * (camera.height - 1.0)]])
     (_, down, forward), *_ = camera.rays(middle)
     off = math.atan2(-down, forward)
-    is_off = abs(off) > OFF_TILT or _is_scaled(camera, OFF_SCALE)
+    is_off = abs(off) > OFF_TILT or _is_scaled(camera, SAME_SCALE)
     if not (is_off and abs(tilt - off) < LIKE_TILT * abs(off)):
         return ''
     return (

@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     PoseFit,
 )
 from visual_servo_epipolar.core.mapping.initialization import (
+    LEAST_AGREEING,
     refine_narrowing,
     shared_at,
     triangulate,
@@ -56,7 +57,6 @@ LEAST_NOISE_PX = 0.1  # of one on another day: what patches get wrong alike, no 
 ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
 LEAST_FEATURES = 12  # of a structure
-MIN_SHARE = 0.5  # of the features of a view, that agree with one place
 OBJECT = 0.6  # around a feature, seen from above: what may be one piece of furniture [m]
 WITNESSES = 4  # features elsewhere that can contradict it
 
@@ -153,11 +153,11 @@ class Localizer:
         start = starts[0] if near.ndim == 1 else nearest_view(anchors, seen, starts)
         fit = fit_pose(anchors, seen, start)
         agree = int(fit.inliers.sum())
-        if agree < max(MIN_MATCHES, MIN_SHARE * len(ids)):
+        if agree < max(MIN_MATCHES, LEAST_AGREEING * len(ids)):
             return None
         elsewhere = ~self._largest_object(ids, fit.inliers)
         witnesses, others = int(fit.inliers[elsewhere].sum()), int(elsewhere.sum())
-        if others >= WITNESSES and witnesses < MIN_SHARE * others:
+        if others >= WITNESSES and witnesses < LEAST_AGREEING * others:
             return None
         covariance = pose_covariance(anchors, seen, fit)
         turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

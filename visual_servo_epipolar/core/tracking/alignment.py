@@ -29,8 +29,6 @@ FIRST_ITERATIONS = 15  # after a match: its scale is only known by SIFT
 MAX_CORRECTION = 4.0  # of one alignment from the position by flow or matching [px]
 LEAST_SCALE = 1e-3  # determinant below which a step of the alignment is not taken
 CONVERGED = 0.02  # motion by a step after which none follows [px]
-AFFINE_REACH = 0.5  # of the radius: where the motion by its linear part is judged
-ADJUGATE, ADJUGATE_SIGNS = np.array([5, 3, 4, 2]), np.array([1.0, -1.0, -1.0, 1.0])
 LEVELS_PER_OCTAVE = 2
 LEVELS = 8  # down to 1 / 11 of the size in the desired image
 SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current over the desired image
@@ -63,7 +61,8 @@ class Anchor:
         self.radius = patch_radius(image.shape)
         self._grids = {self.radius: PatchGrid(self.radius)}
         self._grid = self._grids[self.radius]
-        self._reaches = np.array([1.0, 1.0, *[AFFINE_REACH * self.radius] * 4])
+        # Half way to the border the motion by the linear part is judged.
+        self._reaches = np.array([1.0, 1.0, *[self.radius / 2] * 4])
         self._templates = Templates(image, self._grid)
 
     def patch(
@@ -167,9 +166,8 @@ def _compared(templates: FloatImage, patches: FloatImage) -> tuple[FloatArray, F
 
 def _composed(maps: FloatArray, step: FloatArray) -> FloatArray:
     """Return W o dW^-1 of ``maps`` W, (N, 2, 3), and the steps dW, shape (N, 6) or more."""
-    inverse = step.take(ADJUGATE, axis=1)
-    inverse *= ADJUGATE_SIGNS
-    inverse += np.eye(2).ravel()  # the adjugate yet
+    a, b, c, d = step[:, 2:PARAMETERS].T
+    inverse = np.stack([1.0 + d, -b, -c, 1.0 + a], axis=1)  # the adjugate yet
     scale = inverse[:, 0] * inverse[:, 3] - inverse[:, 1] * inverse[:, 2]
     inverse /= scale[:, None]
     is_taken = np.abs(scale) >= LEAST_SCALE

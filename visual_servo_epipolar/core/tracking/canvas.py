@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, ROUNDING
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.robust_geometry import (
     agree_on_one_geometry,
@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.tracking.warps import Warps
 
 BESIDE = 0.1  # of the width, that the image goes on on either side
 BEYOND_POLE = 24  # rows
-SAME_POLE = 1e-6  # difference of rays at the end of two columns that meet there
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,8 @@ class Canvas:
             return 0, 0
         ends = np.array([[u, v] for v in (-0.5, camera.height - 0.5) for u in (0.0, 0.5)])
         top, _, bottom, _ = rays = camera.rays(ends * [camera.width, 1.0])
-        meet = max(np.abs(rays[1] - top).max(), np.abs(rays[3] - bottom).max()) < SAME_POLE
+        # Whether the ends of two columns are a pole.
+        meet = max(np.abs(rays[1] - top).max(), np.abs(rays[3] - bottom).max()) < ROUNDING
         return round(BESIDE * camera.width), BEYOND_POLE if meet else 0
 
     def painted(self, image: Image) -> Image:

@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 NOTICEABLE_GAIN = 0.02  # change of brightness that is corrected for
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01)  # iterations, step [px]
 COARSE_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)
-LEAST_WINDOW = 5  # side of the window in the half of an image [px]
 LEAST_HALVED = 400  # sides of an image from which its half shows enough [px]
 
 Points: TypeAlias = NDArray[np.float32]  # pixels for OpenCV's flow, shape (N, 2)
@@ -81,7 +80,7 @@ def _followed(
 ) -> tuple[Points, BoolArray]:
     """Return the pixels of ``points`` in the ``target``, and OpenCV's status."""
     # Halved, as much of the scene: a larger window reaches over more edges in depth.
-    window = max(LEAST_WINDOW, settings.window // 2 | 1) if halved else settings.window
+    window = settings.window // 2 | 1 if halved else settings.window
     pixels, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
         target,

@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.tracking.warps import Warps
 
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
-LARGEST_SIDE = 32766  # of an image [px]: cv2.remap has limits
 LIMIT = 4000  # of keypoints of an image
 CHANCE = -2.0  # log10 of the false alarms of a geometry that are expected at most
 
@@ -78,9 +77,10 @@ def desired_view(
     than eight features: a blank wall, a lens cap.
     """
     image = canvas.painted(as_gray(image, 'desired image').copy())
-    if max(image.shape) > LARGEST_SIDE:
+    limit_px = np.iinfo(np.int16).max  # of cv2.remap
+    if max(image.shape) >= limit_px:
         raise ValueError(
-            f'desired image must have sides of at most {LARGEST_SIDE} px, got '
+            f'desired image must have sides of at most {limit_px - 1} px, got '
             f'{image.shape[1]}x{image.shape[0]}; take a smaller one'
         )
     border = patch_radius(image.shape) + BORDER

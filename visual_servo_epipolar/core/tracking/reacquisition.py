@@ -19,12 +19,11 @@ from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import NEIGHBOURS
 from visual_servo_epipolar.core.tracking.matching import DesiredView
 from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
-from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion
-from visual_servo_epipolar.core.tracking.warps import numbers, Warps
+from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion, MIN_SUPPORT
+from visual_servo_epipolar.core.tracking.warps import Warps
 
 MAX_UNSEEN = 40  # frames for which a prediction is followed
 OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
-MIN_NEIGHBOURS = 5
 RADIUS_DEVIATIONS = 3.0  # search radius, in deviations of the neighbours from their affine map
 SEARCH_RANGE = (4.0, 24.0)  # smallest and largest search radius [px]
 DISTANCE_FLOOR = 100.0  # squared distance at which a neighbour's weight levels off [px^2]
@@ -67,17 +66,17 @@ class Predictions:
     def correct(self, tracked: Warps) -> None:
         """Replace or add the predictions of ``tracked`` features."""
         warps, unseen = self._catch_up()
-        kept = numbers(~are_among(warps.ids, tracked.ids))
+        kept = ~are_among(warps.ids, tracked.ids)
         seen = np.zeros(len(tracked), np.int64)
         self._features = PredictedFeatures(
-            warps.take(kept).joined(tracked), np.concatenate([unseen.take(kept), seen])
+            warps.take(kept).joined(tracked), np.concatenate([unseen[kept], seen])
         )
 
     def select(self, ids: IntArray) -> PredictedFeatures:
         """Return the predictions of the features ``ids``, shape (M,)."""
         warps, unseen = self._catch_up()
-        rows = numbers(are_among(warps.ids, ids))
-        return PredictedFeatures(warps.take(rows), unseen.take(rows))
+        rows = are_among(warps.ids, ids)
+        return PredictedFeatures(warps.take(rows), unseen[rows])
 
     def _catch_up(self) -> PredictedFeatures:
         """
@@ -89,9 +88,9 @@ class Predictions:
         if self._motion is not None:
             (warps, unseen), (motion, tracked) = self._features, self._motion
             if motion is not None:
-                lost = numbers(~are_among(warps.ids, tracked) & (unseen <= MAX_UNSEEN))
+                lost = ~are_among(warps.ids, tracked) & (unseen <= MAX_UNSEEN)
                 current = warps.current.copy()
-                current[lost] = motion.applied(current.take(lost, axis=0))
+                current[lost] = motion.applied(current[lost])
                 warps = replace(warps, current=current)
             age = MAX_UNSEEN + 1 if motion is None else 1
             self._features, self._motion = PredictedFeatures(warps, unseen + age), None
@@ -112,7 +111,7 @@ def predict(desired: FloatArray, tracked: Warps, canvas: Canvas = PLANE) -> Pred
 
     Returns None where they are too few, or scatter so much that the radius would be too large.
     """
-    if len(tracked) < MIN_NEIGHBOURS:
+    if len(tracked) < MIN_SUPPORT:
         return None
     offsets = canvas.beside(tracked.desired, desired) - desired
     squared = (offsets**2).sum(axis=1)

@@ -9,12 +9,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, m
 from visual_servo_epipolar.core.geometry.least_squares import cauchy, RIDGE, robust_fit
 from visual_servo_epipolar.core.geometry.rays import homogeneous
 from visual_servo_epipolar.core.tracking.canvas import Canvas
-from visual_servo_epipolar.core.tracking.warps import (
-    keeps_all,
-    numbers,
-    squared_lengths,
-    Warps,
-)
+from visual_servo_epipolar.core.tracking.warps import squared_lengths, Warps
 
 MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
@@ -47,10 +42,7 @@ class Tracks:
 
     def take(self, rows: IntArray | BoolArray) -> 'Tracks':
         """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
-        if keeps_all(rows):
-            return self
-        rows = numbers(rows)
-        return Tracks(self.warps.take(rows), self.ages.take(rows), self.residuals.take(rows))
+        return Tracks(self.warps.take(rows), self.ages[rows], self.residuals[rows])
 
     def joined(self, more: 'Tracks') -> 'Tracks':
         """Return these tracks followed by ``more``."""

@@ -32,15 +32,7 @@ class Warps:
 
     def take(self, rows: IntArray | BoolArray) -> 'Warps':
         """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
-        if keeps_all(rows):
-            return self
-        rows = numbers(rows)
-        return Warps(
-            self.ids.take(rows),
-            self.desired.take(rows, axis=0),
-            self.current.take(rows, axis=0),
-            self.affine.take(rows, axis=0),
-        )
+        return Warps(self.ids[rows], self.desired[rows], self.current[rows], self.affine[rows])
 
     def joined(self, more: 'Warps') -> 'Warps':
         """Return these warps followed by ``more``."""
@@ -50,16 +42,6 @@ class Warps:
             np.concatenate([self.current, more.current]),
             np.concatenate([self.affine, more.affine]),
         )
-
-
-def keeps_all(rows: IntArray | BoolArray) -> bool:
-    """Return whether ``rows`` is a mask that drops nothing, as it is in most frames."""
-    return rows.dtype == np.bool_ and bool(rows.all())
-
-
-def numbers(rows: IntArray | BoolArray) -> IntArray:
-    """Return the numbers of rows, (M,), chosen by them or by a mask, which takes twice as long."""
-    return np.flatnonzero(rows) if rows.dtype == np.bool_ else np.asarray(rows)
 
 
 def squared_lengths(vectors: FloatArray) -> FloatArray:
