@@ -127,3 +127,9 @@ def matched_points(pose: Pose, *, count: int = 40) -> tuple[np.ndarray, np.ndarr
         reject()
     current, points = current[good][:count], points[good][:count]
     return current[:, :2] / current[:, 2:], points[:, :2] / points[:, 2:]
+
+
+def assert_same_matrix(one: np.ndarray, other: np.ndarray, tolerance: float) -> None:
+    """Compare matrices of no scale and no sign."""
+    one, other = one / np.linalg.norm(one), other / np.linalg.norm(other)
+    assert min(np.abs(one - other).max(), np.abs(one + other).max()) <= tolerance
