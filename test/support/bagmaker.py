@@ -47,14 +47,7 @@ TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     '/ground_truth': (Odometry, DEEP),
 }
 TINY = {
-    'camera': {
-        'width': 160,
-        'height': 128,
-        'focal_length': 96.0,
-        'principal_u': 79.0,
-        'principal_v': 63.0,
-        'frame_rate': 3.0,
-    },
+    'camera': {**small_cameras.TINY, 'frame_rate': 3.0},
     'run': {'max_duration': 1.0},
 }
 Message = tuple[str, int, bytes]  # topic, time of recording [ns], CDR

@@ -2,12 +2,13 @@
 
 from contextlib import ExitStack
 from importlib import import_module
-import os
 from pathlib import Path
 import re
 import subprocess
 import sys
 from typing import Any
+
+import command_line
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,12 +28,8 @@ def row_of(name: str) -> list[set[str]]:
 
 def environment(domain: int) -> dict[str, str]:
     """Return the environment of a process that talks in ``domain``, on this machine alone."""
-    return {
-        **os.environ,
-        'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
+    alone = {'ROS_DOMAIN_ID': str(domain), 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
+    return command_line.environment(**alone)
 
 
 def arguments(name: str, *more: str) -> list[str]:

@@ -20,8 +20,6 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 
-TIMEOUT = ServoSettings.__dataclass_fields__['phase_timeout']
-
 
 def run(options: argparse.Namespace) -> int:
     """Derive, write, print; return 0. InputError where no gain is legal."""
@@ -38,9 +36,8 @@ def run(options: argparse.Namespace) -> int:
     for warning in warnings:
         print(f'visual_servo gains: warning: {warning}', file=sys.stderr)
     text = f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains, timeout)}'
-    result = document(circumstances, gains)
-    result = {**result, 'phase_timeout_s': timeout, 'warnings': warnings}
-    publish(result, text, options.json)
+    more = {'phase_timeout_s': timeout, 'warnings': warnings}
+    publish(document(circumstances, gains) | more, text, options.json)
     return 0
 
 
@@ -65,7 +62,7 @@ def slow_phases(circumstances: Circumstances, gains: Gains, timeout: float) -> l
 
 def _remedy(duration: float, *, driving: float) -> str:
     """Return what to do about ``duration`` [s], of which ``driving`` is spent at full speed."""
-    largest = range_of(TIMEOUT).high or math.inf
+    largest = range_of(ServoSettings.__dataclass_fields__['phase_timeout']).high or math.inf
     others = '--max-linear' if driving > 0.5 * duration else '--nearest, or lower --latency'
     if enough(duration) > largest:
         return f'phase_timeout may be {largest:g} s at most: raise {others}'
@@ -94,6 +91,7 @@ def document(circumstances: Circumstances, gains: Gains) -> dict[str, Any]:
 def in_words(circumstances: Circumstances, gains: Gains) -> str:
     """Return the gains as a table of text."""
     landing = longest_convergence(circumstances, gains)
+    matching = longest_matching(circumstances, gains)
     rows = [
         ('k1', f'{gains.k1:.4g}', '1/s', 'eq. (12), on the current epipole'),
         ('k1 alone', f'{gains.k1_alone:.4g}', '1/s', 'once e_du is zero, or where e_au is held'),
@@ -103,12 +101,7 @@ def in_words(circumstances: Circumstances, gains: Gains) -> str:
         ('rate', f'{gains.rate:.4g}', '1/s', 'at which k_t closes in, near the goal'),
         ('t_max', f'{gains.transient:.4g}', 's', 'until e_du is zero, at any speed'),
         ('', f'{landing:.4g}', 's', 'the same within the limits of speed'),
-        (
-            'step 2',
-            f'{longest_matching(circumstances, gains):.4g}',
-            's',
-            'at most, within them too',
-        ),
+        ('step 2', f'{matching:.4g}', 's', 'at most, within them too'),
         ('floor', f'{math.degrees(gains.floor):.4g}', 'deg', 'that |atan e_au| keeps until then'),
     ]
     return '\n'.join(f'{name:<11}{value:>9} {unit:<4} {text}' for name, value, unit, text in rows)

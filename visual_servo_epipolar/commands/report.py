@@ -131,20 +131,15 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
         replayed = replay_bag(options, watch=progress_watch(progress))
     result = result_of(replayed, options)
     log = replayed.log
-    lines = [*replayed.notes, *compared_words(result['comparison'])]
-    compared = '\n'.join(lines)
+    compared = '\n'.join([*replayed.notes, *compared_words(result['comparison'])])
+    last = {'servo': replayed.plan.servo, 'tracker': replayed.plan.tracker}
     sections = [
         Section('Result', result_table(result)),
         *([path_section(log)] if has_truth(replayed.run, replayed.steps) else []),
         Section('Recorded and replayed', f'<pre>{escape(compared)}</pre>'),
         signals_section(log, replayed.recorded_commands),
         Section('Phases', phase_table(result)),
-        parameter_section(
-            {
-                'servo': asdict(replayed.plan.servo[-1][1]),
-                'tracker': asdict(replayed.plan.tracker[-1][1]),
-            }
-        ),
+        parameter_section({part: asdict(rows[-1][1]) for part, rows in last.items()}),
         version_section(replayed.versions['recorded']),
     ]
     bag = Path(options.bag)
@@ -192,12 +187,11 @@ def phase_table(result: Mapping[str, Any]) -> str:
         ['from [s]', 'to [s]', 'phase', 'what it does'],
         [
             [
-                f'{item["start_s"]:.2f}',
-                f'{item["end_s"]:.2f}',
-                item['name'],
-                phase_words(item['name']),
+                *(f'{it[side]:.2f}' for side in ('start_s', 'end_s')),
+                it['name'],
+                phase_words(it['name']),
             ]
-            for item in result['phases']
+            for it in result['phases']
         ],
     )
 

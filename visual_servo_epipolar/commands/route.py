@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from visual_servo_epipolar.commands.arguments import scenario_of
-from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.console import Progress, written_to
 from visual_servo_epipolar.commands.outputs import publish, write_json
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, InputError
@@ -161,11 +161,8 @@ def _judged(
         'lateral_max_m': float(largest),
         'max_turn_jump': max(log.turn_jump(max_turn_rate) for log in logs),
         'stations': [
-            {
-                'position_error_m': log.station[0],
-                'heading_error_deg': math.degrees(log.station[1]),
-            }
-            for log in logs
+            {'position_error_m': off, 'heading_error_deg': math.degrees(turned)}
+            for off, turned in (log.station for log in logs)
         ],
         'laps': [{'lateral_rms_m': _rms(lap)} for log in logs for lap in log.laps()],
         'standstills': max(log.standstills for log in logs),
@@ -185,23 +182,19 @@ def _report(result: dict[str, Any], out: str) -> str:
     stations = [1e3 * each['position_error_m'] for each in result['stations']]
     headings = [abs(each['heading_error_deg']) for each in result['stations']]
     reason = f': {result["reason"]}' if result['reason'] else ''
-    return '\n'.join(
-        [
-            f'{result["arrived"]} of {result["runs"]} arrived{reason}',
-            f'{result["wrong"]} silently wrong; {result["standstills"]} standstills at most',
-            _sentence(result),
-            f'off the taught way: {1e3 * result["lateral_rms_m"]:.2f} mm rms, p95 '
-            f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
-            f'at the station: {_largest(stations):.2f} mm and {_largest(headings):.3f} deg at '
-            'most',
-            f'largest jump of w at a key view: {100.0 * result["max_turn_jump"]:.1f} % of '
-            'max_turn_rate',
-            'kidnapped {tried} times: {right} right, {refused} refused, {wrong} wrong'.format(
-                **result['kidnapped']
-            ),
-            'in another storey {tried} times: {refused} refused, {wrong} wrong'.format(
-                **result['elsewhere']
-            ),
-            f'written to {out}: {FOLDER}, result.json',
-        ]
-    )
+    jump = 100.0 * result['max_turn_jump']
+    kidnapped = 'kidnapped {tried} times: {right} right, {refused} refused, {wrong} wrong'
+    elsewhere = 'in another storey {tried} times: {refused} refused, {wrong} wrong'
+    lines = [
+        f'{result["arrived"]} of {result["runs"]} arrived{reason}',
+        f'{result["wrong"]} silently wrong; {result["standstills"]} standstills at most',
+        _sentence(result),
+        f'off the taught way: {1e3 * result["lateral_rms_m"]:.2f} mm rms, p95 '
+        f'{1e3 * result["lateral_p95_m"]:.2f}, at most {1e3 * result["lateral_max_m"]:.2f} mm',
+        f'at the station: {_largest(stations):.2f} mm and {_largest(headings):.3f} deg at most',
+        f'largest jump of w at a key view: {jump:.1f} % of max_turn_rate',
+        kidnapped.format(**result['kidnapped']),
+        elsewhere.format(**result['elsewhere']),
+        written_to(out, [FOLDER, 'result.json']),
+    ]
+    return '\n'.join(lines)

@@ -26,11 +26,6 @@ def without_tf2_msgs(consequence: str) -> str:
     return f'tf2_msgs cannot be imported, {consequence}; install ros-jazzy-tf2-msgs for it'
 
 
-def tf_message(kind: Any, transforms: Sequence[TransformStamped]) -> Any:
-    """Return ``transforms`` as one message of ``kind``, tf2_msgs/TFMessage."""
-    return kind(transforms=list(transforms))
-
-
 def on_the_floor(parent: str, child: str, pose: Pose, stamp_ns: int) -> TransformStamped:
     """Return the transform to ``child``, which stands at ``pose`` in ``parent``, z up."""
     quaternion = quaternion_from_yaw(pose.theta)

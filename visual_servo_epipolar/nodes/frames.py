@@ -37,8 +37,8 @@ class TransformBroadcaster:
 
     def send(self, messages: Sequence[TransformStamped]) -> None:
         """Publish all ``messages`` as one; a static one replaces what was sent before."""
-        if self._publisher is not None:
-            self._publisher.publish(transforms.tf_message(self._kind, messages))
+        if self._kind is not None and self._publisher is not None:
+            self._publisher.publish(self._kind(transforms=list(messages)))
 
 
 class StaticMount:

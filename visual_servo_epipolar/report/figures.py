@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 import math
+from operator import attrgetter
 from pathlib import Path
 import textwrap
 
@@ -48,8 +49,8 @@ MAX_EPIPOLE = 2000.0  # abscissae beyond are off any sensible axis [px]
 
 
 def column(log: RunLog, name: str) -> FloatArray:
-    """Return one field of all samples, shape (N,)."""
-    return np.array([getattr(sample, name) for sample in log.samples], dtype=np.float64)
+    """Return one field of all samples, or of their poses or twists, shape (N,)."""
+    return np.array(list(map(attrgetter(name), log.samples)), dtype=np.float64)
 
 
 def robust_limit(*signals: FloatArray) -> float:
@@ -96,9 +97,8 @@ def _draw_epipoles(axes: Axes, log: RunLog) -> None:
 
 
 def _draw_velocity(axes: Axes, log: RunLog, *, name: str, unit: str) -> None:
-    values = np.array([getattr(sample.twist, name) for sample in log.samples])
     # A command holds until the next one.
-    axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
+    axes.plot(seconds(log), column(log, f'twist.{name}'), color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
     axes.margins(y=0.12)
     axes.set_ylabel(f'{name}\nvelocity [{unit}]')
@@ -128,21 +128,11 @@ def _draw_count(axes: Axes, log: RunLog) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
 
 
-def _draw_error(axes: Axes, log: RunLog) -> None:
-    axes.plot(seconds(log), column(log, 'feature_error'), color=INK)
-    axes.set_ylabel('median feature\nerror [px]')
-    _scale_by_decades(axes, column(log, 'feature_error'))
-
-
-def _draw_distance(axes: Axes, log: RunLog) -> None:
-    distances = np.array([sample.pose.distance for sample in log.samples])
-    axes.plot(seconds(log), np.where(distances > 0.0, distances, np.nan), color=INK)
-    axes.set_ylabel('distance [m]')
-    _scale_by_decades(axes, distances)
-
-
-def _scale_by_decades(axes: Axes, values: FloatArray) -> None:
-    positive = values[np.isfinite(values) & (values > 0.0)]
+def _draw_by_decades(axes: Axes, log: RunLog, *, name: str, label: str) -> None:
+    values = column(log, name)
+    positive = np.where(values > 0.0, values, np.nan)
+    axes.plot(seconds(log), positive, color=INK)
+    axes.set_ylabel(label)
     if _lacks(axes, positive):
         return
     axes.set_yscale('log')
@@ -179,8 +169,8 @@ DRAWN: tuple[Panel, ...] = (
     partial(_draw_velocity, name='angular', unit='rad/s'),
     _draw_difference,
     _draw_count,
-    _draw_error,
-    _draw_distance,
+    partial(_draw_by_decades, name='feature_error', label='median feature\nerror [px]'),
+    partial(_draw_by_decades, name='pose.distance', label='distance [m]'),
 )
 
 
@@ -292,8 +282,7 @@ def _draw_plane(axes: Axes, log: RunLog) -> None:
 
 def _draw_path(axes: Axes, log: RunLog, unit: float) -> None:
     """Draw one line a stretch of a phase; each ends where the next begins."""
-    x = np.array([sample.pose.x for sample in log.samples]) / unit
-    y = np.array([sample.pose.y for sample in log.samples]) / unit
+    x, y = column(log, 'pose.x') / unit, column(log, 'pose.y') / unit
     phases = [sample.phase for sample in log.samples]
     cuts = [0, *(k for k in range(1, len(x)) if phases[k] is not phases[k - 1]), len(x)]
     for first, end in zip(cuts, cuts[1:], strict=False):
@@ -303,9 +292,8 @@ def _draw_path(axes: Axes, log: RunLog, unit: float) -> None:
 
 
 def _draw_key(axes: Axes, log: RunLog) -> None:
-    names = dict.fromkeys(sample.phase.value for sample in log.samples)
     handles = [
-        *(Line2D([], [], color=phase_colour(n), lw=2.0, label=phase_label(n)) for n in names),
+        *phase_patches(phase_spans(log)),
         Patch(facecolor='none', edgecolor=INK, label='robot at a change of phase'),
         Patch(facecolor='none', edgecolor=GREY, linestyle='--', label='goal'),
         Patch(facecolor=GREY, alpha=0.25, label='field of view'),

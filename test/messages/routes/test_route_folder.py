@@ -1,6 +1,8 @@
 """The folder of a route: what is read is what was written, or one clear error."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import count
 import os
 from pathlib import Path
@@ -17,25 +19,26 @@ from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.route import Appearance, Bridge, in_memory, Route
 from visual_servo_epipolar.files import COMPLETE, PARTIAL
-from visual_servo_epipolar.messages.route_folder import (
-    check_folder,
-    read_route,
-    write_route,
-)
+from visual_servo_epipolar.messages.route_folder import check_folder, read_route, write_route
 
+NAMES = 'route.yaml', 'camera.yaml', 'structure.npz', '000001.webp'
 STEPS = {'open', 'os.mkdir', 'os.rename', 'os.remove', 'os.rmdir', 'os.chmod'}
 
 
 LONGER = with_intrinsics(CAMERA, fx=60.0, fy=60.0, cx=31.5, cy=23.5)
 
 
+def routed(*numbers: int) -> Route:
+    return route_of(*map(key_view, numbers))
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    write_route(route_of(*map(key_view, range(3))), tmp_path / 'hall')
+    write_route(routed(0, 1, 2), tmp_path / 'hall')
     return tmp_path / 'hall'
 
 
-def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
+def test_a_route_is_read_as_it_was_written_and_loses_nothing_more(folder: Path, tmp_path) -> None:
     route = read_route(folder)
     assert route.camera == CAMERA and route.stations == [2]
     for number, view in enumerate(route.views):
@@ -48,14 +51,14 @@ def test_a_route_is_read_as_it_was_written(folder: Path) -> None:
         assert np.allclose(kept.inverse_depth, learnt.inverse_depth, rtol=2.0**-12)
         assert np.allclose(view.path.poses, expected.path.poses, rtol=0.0, atol=2.0**-17)
         assert view.keypoints.tuning == 2 and view.way == expected.way
-    assert sorted(file.name for file in folder.iterdir()) == [
-        '000000.webp',
-        '000001.webp',
-        '000002.webp',
-        'camera.yaml',
-        'route.yaml',
-        'structure.npz',
-    ]
+    assert {file.name for file in folder.iterdir()} == {*NAMES, '000000.webp', '000002.webp'}
+    bridge = Bridge(0.36, -1.5, 0.004, 0.02)
+    views = route.views[0], replace(route.views[1], bridge=bridge), route.views[2]
+    write_route(route_of(*views), tmp_path / 'again')
+    for file in (it for it in folder.iterdir() if it.name != 'route.yaml'):
+        assert (tmp_path / 'again' / file.name).read_bytes() == file.read_bytes()
+    again = read_route(tmp_path / 'again')
+    assert [view.bridge for view in again.views] == [None, bridge, None]
 
 
 def test_descriptors_take_a_byte_where_that_holds_them(tmp_path: Path) -> None:
@@ -70,19 +73,6 @@ def test_descriptors_take_a_byte_where_that_holds_them(tmp_path: Path) -> None:
             assert stored['covariance'].dtype == np.float32
         again = read_route(tmp_path / f'{size}').views[0]
         assert np.allclose(again.structure.covariance, view.structure.covariance, rtol=2.0**-8)
-
-
-def test_a_route_that_is_written_again_loses_nothing_more(folder: Path, tmp_path: Path) -> None:
-    write_route(read_route(folder), tmp_path / 'again')
-    for file in folder.iterdir():
-        assert (tmp_path / 'again' / file.name).read_bytes() == file.read_bytes()
-
-
-def test_what_the_odometry_bridged_is_marked_in_the_folder(tmp_path: Path) -> None:
-    bridge = Bridge(0.36, -1.5, 0.004, 0.02)
-    views = key_view(0), replace(key_view(1), bridge=bridge), key_view(2)
-    write_route(route_of(*views), tmp_path / 'hall')
-    assert [view.bridge for view in read_route(tmp_path / 'hall').views] == [None, bridge, None]
 
 
 def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> None:
@@ -110,30 +100,6 @@ def test_photographs_of_other_days_are_kept_and_lose_nothing(folder: Path) -> No
         read_route(folder)
 
 
-@pytest.mark.parametrize(
-    ('name', 'match'),
-    [
-        ('route.yaml', 'route.yaml cannot be read'),
-        ('camera.yaml', 'camera.yaml'),
-        ('structure.npz', 'structure.npz is missing, cut off or damaged'),
-    ],
-)
-def test_a_file_that_is_cut_off_is_named(folder: Path, name: str, match: str) -> None:
-    data = (folder / name).read_bytes()
-    (folder / name).write_bytes(data[: len(data) // 2])
-    with pytest.raises(InputError, match=match):
-        read_route(folder)
-
-
-@pytest.mark.parametrize('value', ['2020-13-45', '!!int x', '!!timestamp x'])
-@pytest.mark.parametrize('name', ['route.yaml', 'camera.yaml'])
-def test_a_file_with_a_value_that_cannot_be_read_is_named(folder, name, value) -> None:
-    with (folder / name).open('a') as file:
-        file.write(f'a: {value}\n')
-    with pytest.raises(InputError, match=f'{name} cannot be read'):
-        read_route(folder)
-
-
 def without_hashes(folder: Path) -> None:
     """Make it a folder as earlier versions wrote it."""
     text = (folder / 'route.yaml').read_text()
@@ -143,6 +109,7 @@ def without_hashes(folder: Path) -> None:
 
 def packed_by_lzma(folder: Path) -> None:
     """Pack the structure as 1.0.0 did."""
+    without_hashes(folder)
     with np.load(folder / 'structure.npz') as file:
         arrays = dict(file)
     with ZipFile(folder / 'structure.npz', 'w', ZIP_LZMA) as packed:
@@ -151,9 +118,67 @@ def packed_by_lzma(folder: Path) -> None:
                 np.save(part, array)
 
 
+Damage = Callable[[bytes], bytes]
+
+
+def flipped(place: float) -> Damage:
+    """Return what makes 16 bytes wrong, at the end those of the directory."""
+
+    def flip(data: bytes) -> bytes:
+        begin = int(place * len(data)) if place < 1.0 else data.rindex(b'PK\x01\x02') + 8
+        wrong = bytes(0xFF - each for each in data[begin : begin + 16])
+        return data[:begin] + wrong + data[begin + 16 :]
+
+    return flip
+
+
+def appended(value: str) -> Damage:
+    return lambda data: data + f'a: {value}\n'.encode()
+
+
+def halved(data: bytes) -> bytes:
+    return data[: len(data) // 2]
+
+
+DAMAGED = 'structure.npz is missing, cut off or damaged'
+DAMAGES = [
+    (None, 'route.yaml', halved, 'route.yaml cannot be read'),
+    (None, 'camera.yaml', halved, 'camera.yaml'),
+    (None, 'structure.npz', halved, DAMAGED),
+    (None, '000001.webp', halved, '000001.webp: the photograph cannot be read'),
+    (without_hashes, '000001.webp', lambda data: data[:200], '000001.webp: the photograph cannot'),
+    *(
+        (None, name, appended(value), f'{name} cannot be read')
+        for name in ('route.yaml', 'camera.yaml')
+        for value in ('2020-13-45', '!!int x', '!!timestamp x')
+    ),
+    *(
+        (earlier, 'structure.npz', flipped(place), DAMAGED)
+        for earlier in (without_hashes, packed_by_lzma)
+        for place in (0.1, 0.3, 0.5, 0.7, 1.0)
+    ),
+]
+
+
+@pytest.mark.parametrize(('earlier', 'name', 'damage', 'words'), DAMAGES)
+def test_a_damaged_file_is_named(folder: Path, earlier, name: str, damage, words: str) -> None:
+    if earlier is not None:
+        earlier(folder)
+    (folder / name).write_bytes(damage((folder / name).read_bytes()))
+    with pytest.raises(InputError, match=words):
+        _ = read_route(folder).views[1].image
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_part_of_another_route_is_refused(folder: Path, tmp_path: Path, name: str) -> None:
+    write_route(replace(routed(0, 3, 4), camera=LONGER), tmp_path / 'other')
+    (folder / name).write_bytes((tmp_path / 'other' / name).read_bytes())
+    with pytest.raises(InputError, match='hash'):
+        read_route(folder)
+
+
 def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_written(folder) -> None:
     route = read_route(folder)
-    without_hashes(folder)
     packed_by_lzma(folder)
     earlier = read_route(folder)
     assert np.array_equal(earlier.views[1].image, route.views[1].image)
@@ -164,42 +189,8 @@ def test_a_folder_of_an_earlier_version_is_read_and_gets_hashes_when_it_is_writt
     assert np.array_equal(read_route(folder).views[1].image, route.views[1].image)
 
 
-@pytest.mark.parametrize('lzma', [False, True])
-@pytest.mark.parametrize('place', [0.1, 0.3, 0.5, 0.7, 1.0])
-def test_a_structure_with_a_wrong_byte_is_named_also_without_hashes(folder, place, lzma) -> None:
-    without_hashes(folder)
-    if lzma:
-        packed_by_lzma(folder)
-    data = bytearray((folder / 'structure.npz').read_bytes())
-    begin = int(place * len(data)) if place < 1.0 else data.rindex(b'PK\x01\x02') + 8
-    data[begin : begin + 16] = bytes(0xFF - each for each in data[begin : begin + 16])
-    (folder / 'structure.npz').write_bytes(data)
-    with pytest.raises(InputError, match='structure.npz is missing, cut off or damaged'):
-        read_route(folder)
-
-
-def test_a_photograph_that_is_cut_off_is_named_at_once(folder: Path) -> None:
-    data = (folder / '000001.webp').read_bytes()
-    (folder / '000001.webp').write_bytes(data[:200])
-    with pytest.raises(InputError, match='000001.webp: the photograph cannot be read'):
-        read_route(folder)
-    without_hashes(folder)
-    route = read_route(folder)
-    with pytest.raises(InputError, match='000001.webp: the photograph cannot be read'):
-        _ = route.views[1].image
-
-
-@pytest.mark.parametrize('name', ['route.yaml', 'camera.yaml', 'structure.npz', '000001.webp'])
-def test_a_part_of_another_route_is_refused(folder: Path, tmp_path: Path, name: str) -> None:
-    other = replace(route_of(*map(key_view, (0, 3, 4))), camera=LONGER)
-    write_route(other, tmp_path / 'other')
-    (folder / name).write_bytes((tmp_path / 'other' / name).read_bytes())
-    with pytest.raises(InputError, match='hash'):
-        read_route(folder)
-
-
 def test_a_kill_at_any_moment_leaves_one_route_and_the_files_of_the_user(folder: Path) -> None:
-    routes = [route_of(*map(key_view, numbers)) for numbers in ((0, 1, 2), (1, 2))]
+    routes = [routed(0, 1, 2), routed(1, 2)]
     own = {folder / 'notes.txt': b'turn left', folder / '.git' / 'HEAD': b'ref'}
     (folder / '.git').mkdir()
     for path, content in own.items():
@@ -218,10 +209,8 @@ def test_a_kill_at_any_moment_leaves_one_route_and_the_files_of_the_user(folder:
             assert np.allclose(view.structure.pixels, before.structure.pixels, 0.0, 0.05)
         write_route(routes[0], folder)
         assert {path: path.read_bytes() for path in own} == own
-        assert sorted(item.name for item in folder.iterdir()) == sorted(
-            '.git 000000.webp 000001.webp 000002.webp camera.yaml notes.txt route.yaml '
-            'structure.npz'.split()
-        )
+        others = '.git', '000000.webp', '000002.webp', 'notes.txt'
+        assert {item.name for item in folder.iterdir()} == {*NAMES, *others}
         if not is_killed:
             break
     assert step > 15 and len(found.views) == 2
@@ -238,28 +227,25 @@ def kill_at(step: int) -> None:
     sys.addaudithook(see)
 
 
-def test_a_first_write_that_was_killed_does_not_stand_in_the_way(tmp_path: Path) -> None:
-    (tmp_path / 'hall' / f'{PARTIAL}x').mkdir(parents=True)
-    (tmp_path / 'hall' / f'{PARTIAL}x' / '000000.webp').touch()
-    write_route(route_of(*map(key_view, range(2))), tmp_path / 'hall')
-    assert not list((tmp_path / 'hall').glob('.*'))
+def test_a_route_that_is_damaged_or_was_never_whole_can_be_taught_anew(folder, tmp_path) -> None:
+    (folder / 'route.yaml').write_text('version: 1')
+    (folder / 'notes.txt').touch()
+    write_route(routed(0, 1), folder)
+    assert len(read_route(folder).views) == 2 and (folder / 'notes.txt').exists()
+    assert not (folder / '000002.webp').exists()
+    (tmp_path / 'new' / f'{PARTIAL}x').mkdir(parents=True)
+    (tmp_path / 'new' / f'{PARTIAL}x' / '000000.webp').touch()
+    write_route(routed(0, 1), tmp_path / 'new')
+    assert not list((tmp_path / 'new').glob('.*'))
 
 
 def test_a_file_of_the_user_is_not_replaced_by_a_photograph(folder: Path) -> None:
     (folder / '000003.webp').write_text('my own')
     with pytest.raises(InputError, match='000003.webp is no part of the route there'):
-        write_route(route_of(*map(key_view, range(4))), folder)
+        write_route(routed(0, 1, 2, 3), folder)
     assert (folder / '000003.webp').read_text() == 'my own' and len(read_route(folder).views) == 3
-    write_route(route_of(*map(key_view, range(2))), folder)
+    write_route(routed(0, 1), folder)
     assert (folder / '000003.webp').read_text() == 'my own'
-    assert not (folder / '000002.webp').exists()
-
-
-def test_a_route_that_is_damaged_can_be_taught_anew(folder: Path) -> None:
-    (folder / 'route.yaml').write_text('version: 1')
-    (folder / 'notes.txt').touch()
-    write_route(route_of(*map(key_view, range(2))), folder)
-    assert len(read_route(folder).views) == 2 and (folder / 'notes.txt').exists()
     assert not (folder / '000002.webp').exists()
 
 
@@ -270,19 +256,9 @@ def test_a_link_is_followed(folder: Path, tmp_path: Path, is_there: bool) -> Non
     if is_there:
         target.mkdir(parents=True)
     check_folder(link)
-    write_route(route_of(*map(key_view, range(2))), link)
+    write_route(routed(0, 1), link)
     write_route(read_route(folder), link)
     assert link.is_symlink() and len(read_route(target).views) == 3
-
-
-def test_a_path_through_a_file_is_named_as_it_is(tmp_path: Path) -> None:
-    (tmp_path / 'file').touch()
-    for check in (
-        check_folder,
-        lambda path: write_route(route_of(key_view(0), key_view(1)), path),
-    ):
-        with pytest.raises(InputError, match='Not a directory; name another folder'):
-            check(tmp_path / 'file' / 'hall')
 
 
 def test_another_camera_or_resolution_is_refused(folder: Path) -> None:
@@ -319,16 +295,24 @@ def test_a_disk_that_is_full_leaves_the_earlier_route(folder: Path, monkeypatch)
 
     monkeypatch.setattr(np, 'savez_compressed', full)
     with pytest.raises(InputError, match='No space left on device'):
-        write_route(route_of(*map(key_view, range(2))), folder)
+        write_route(routed(0, 1), folder)
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
     assert list(folder.parent.iterdir()) == [folder]
 
 
-def test_a_folder_of_something_else_is_not_replaced(tmp_path: Path) -> None:
+WRITERS = check_folder, partial(write_route, routed(0, 1))
+
+
+@pytest.mark.parametrize('write', WRITERS, ids=['check', 'write'])
+def test_what_is_no_folder_of_a_route_is_refused(tmp_path: Path, write) -> None:
     (tmp_path / 'thesis.tex').write_text('years of work')
     with pytest.raises(InputError, match='holds something else'):
-        write_route(route_of(*map(key_view, range(2))), tmp_path)
-    assert (tmp_path / 'thesis.tex').exists()
+        write(tmp_path)
+    with pytest.raises(InputError, match='Not a directory; name another folder'):
+        write(tmp_path / 'thesis.tex' / 'hall')
+    with pytest.raises(InputError, match='no folder of a route'):
+        read_route(tmp_path)
+    assert (tmp_path / 'thesis.tex').read_text() == 'years of work'
 
 
 def test_what_was_complete_when_it_was_killed_is_the_route(folder: Path) -> None:
@@ -336,8 +320,3 @@ def test_what_was_complete_when_it_was_killed_is_the_route(folder: Path) -> None
     for name in ('route.yaml', '000001.webp'):
         (folder / name).rename(folder / COMPLETE / name)
     assert len(read_route(folder).views) == 3
-
-
-def test_a_folder_without_a_route_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match='no folder of a route'):
-        read_route(tmp_path)
