@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.bases.differential_drive import DifferentialDriv
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.conditions import is_untrusted, leads_home
+from visual_servo_epipolar.core.laws.conditions import leads_home
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -27,7 +27,7 @@ CLOSE = Event('close', 'a straight line leads home')
 
 
 def classify(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
-    if is_untrusted(goal, settings) or goal.bearings is None:
+    if goal.is_untrusted(settings.near_parallax) or goal.bearings is None:
         return Event.LOST
     return CLOSE if leads_home(goal, settings) else Event.NOTHING
 

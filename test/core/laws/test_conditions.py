@@ -175,15 +175,10 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
     away = replace(near, stamp_ns=2 * 10**9, difference=0.1)
     state = update(state, Perception(away, fresh_memory(without)), 0.25, without)
     assert state.settling.time_in_tolerance == 0.25
-    assert (
-        switch_phase(state, goal(away, state), Event.MISSED, without).settling.time_in_tolerance
-        == 0.0
-    )
     # What could not be had there is not tried for once more in the turn that ends it.
-    assert (
-        switch_phase(state, goal(away, state), Event.TURNED, without).settling.time_in_tolerance
-        == 0.25
-    )
+    for event, seconds in ((Event.MISSED, 0.0), (Event.TURNED, 0.25)):
+        after = switch_phase(state, goal(away, state), event, without)
+        assert after.settling.time_in_tolerance == seconds
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:

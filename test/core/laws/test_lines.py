@@ -40,7 +40,6 @@ def at(x: float, y: float, degrees: float = 0.0) -> Measurement:
 
 def end_of_line(measurement: Measurement) -> float:
     """Return how far aside a robot passes the goal that follows the line [m]."""
-    assert measurement.offset is not None
     x, y = measurement.offset
     heading = measurement.heading_error
     while y < 0.0:

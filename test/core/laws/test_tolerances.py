@@ -21,7 +21,6 @@ from visual_servo_epipolar.core.laws.arrival import (
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.legs import Slope
 from visual_servo_epipolar.core.rigs.rig import Command
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
@@ -56,7 +55,8 @@ def by_two_views(y: float, **changes) -> Measurement:
 def ending(measurement: Measurement, **changes) -> ServoState:
     """Return a state in step 2 that has settled, and stands still."""
     mean = {'settled': SETTINGS.arrival_frames, 'settled_parallax': measurement.parallax}
-    return in_phase(Phase.MATCHING_FEATURES, **{'measurement': measurement, **mean, **changes})
+    known = {'phase': Phase.MATCHING_FEATURES, 'measurement': measurement, **mean, **changes}
+    return in_phase(**known)
 
 
 OFFSETS = floats(-0.03, 0.03)
@@ -77,22 +77,14 @@ def test_near_enough_is_within_the_tolerance_at_worst(x, y, deviation, tolerance
 def test_a_coarser_tolerance_passes_what_a_finer_does(x, y, deviation, tolerance, factor) -> None:
     measurement = near(x, y, deviation=deviation)
     state = ending(measurement)
-    finer = replace(SETTINGS, arrival_position=tolerance)
-    coarser = replace(SETTINGS, arrival_position=factor * tolerance)
-    for passes in (is_near_enough_within, is_settled_within):
-        assert passes(state, measurement, coarser) or not passes(state, measurement, finer)
-
-
-def is_near_enough_within(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
-) -> bool:
-    return bool(asked(is_near_enough, state, measurement, settings))
-
-
-def is_settled_within(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
-) -> bool:
-    return is_settled(seeing(state, measurement=measurement), settings)
+    (fine, fine_settled), (coarse, coarse_settled) = (
+        (asked(is_near_enough, state, measurement, settings), is_settled(state, settings))
+        for settings in (
+            replace(SETTINGS, arrival_position=tolerance),
+            replace(SETTINGS, arrival_position=factor * tolerance),
+        )
+    )
+    assert (coarse or not fine) and (coarse_settled or not fine_settled)
 
 
 @given(floats(FACING, 0.1), floats(1.0, 3.0), floats(0.0, 0.01), st.booleans(), st.booleans())
@@ -110,27 +102,31 @@ def test_the_bound_of_the_heading_is_within_the_tolerance_and_grows_with_it(
     assert bound <= asked(facing_bound, state, seen, coarser)
 
 
-def test_a_tolerance_of_the_heading_has_its_effect_at_once() -> None:
-    """A memory of views would be asked for a hundredth of it otherwise, for four seconds."""
-    for seen in (near(heading_error=0.007), by_two_views(0.0, heading_error=0.007)):
-        turning = in_phase(Phase.ORIENTING, measurement=seen)
-        assert is_settled(turning, OWNERS)
-        assert not is_settled(turning, SETTINGS)
+@pytest.mark.parametrize(
+    ('phase', 'seen'),
+    [
+        # A memory of views would be asked for a hundredth of it otherwise, for four seconds.
+        (Phase.ORIENTING, near(heading_error=0.007)),
+        (Phase.ORIENTING, by_two_views(0.0, heading_error=0.007)),
+        (Phase.MATCHING_FEATURES, near(y=-1e-3)),
+    ],
+)
+def test_a_tolerance_has_its_effect_at_once_and_without_it_nothing_is_let_pass(
+    phase, seen
+) -> None:
+    state = ending(seen, phase=phase)
+    assert is_settled(state, OWNERS)
+    assert not is_settled(state, SETTINGS)
+    assert not asked(is_near_enough, state, seen, SETTINGS)
 
 
-def test_without_tolerances_nothing_is_let_pass() -> None:
-    measurement = near(y=-1e-3)
-    assert not asked(is_near_enough, ending(measurement), measurement, SETTINGS)
-    assert not is_settled(ending(measurement), SETTINGS)
-    assert is_settled(ending(measurement), OWNERS)
-
-
-def test_who_would_roll_past_the_tolerance_is_not_near_enough() -> None:
-    ahead = near(y=4e-3)
-    assert asked(is_near_enough, ending(ahead), ahead, OWNERS)
-    assert not asked(is_near_enough, ending(ahead, command=MOVING), ahead, OWNERS)
-    behind = near(y=-4e-3)
-    assert asked(is_near_enough, ending(behind, command=MOVING), behind, OWNERS)
+@pytest.mark.parametrize(
+    ('y', 'still', 'moving'), [(4e-3, True, False), (-4e-3, True, True), (-6e-3, False, False)]
+)
+def test_who_would_roll_past_the_tolerance_is_not_near_enough(y, still, moving) -> None:
+    seen = near(y=y)
+    for changes, expected in (({}, still), ({'command': MOVING}, moving)):
+        assert asked(is_near_enough, ending(seen, **changes), seen, OWNERS) == expected
 
 
 def test_who_would_turn_past_the_tolerance_does_not_face_the_goal() -> None:

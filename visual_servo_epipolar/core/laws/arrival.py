@@ -242,12 +242,6 @@ def is_in_doubt(goal: GoalEstimate, settings: DriveSettings) -> bool:
     return settings.remembers and goal.offset is None
 
 
-def stands_aside(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    """Return whether a few looks suffice in doubt: the robot stands clearly aside."""
-    first = is_in_doubt(goal, settings) and memory.run.attempts == 1
-    return first and abs(memory.settling.settled_aside) > SURE_DEVIATIONS
-
-
 def is_at_goal(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
     """
     Return whether heading, parallax and D are those of the photograph, within their noise.

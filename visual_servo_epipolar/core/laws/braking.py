@@ -51,7 +51,10 @@ def converging_speed(
     TAIL_S; from farther away than NEAR it falls as a ``power`` of the distance until then.
     """
     aside *= min(NEAR / max(left, NEAR), 1.0) ** power
-    decays = math.log(max(aside / _residual(goal), 1.0))
+    # Steering may leave half of what the place is unknown by.
+    known = place_deviation(goal) or 2.0 * RESIDUAL
+    residual = min(max(0.5 * known, LEAST_RESIDUAL), RESIDUAL)
+    decays = math.log(max(aside / residual, 1.0))
     if decays == 0.0:
         return math.inf
     near = min(left, NEAR)
@@ -73,12 +76,6 @@ def place_deviation(goal: GoalEstimate) -> float:
     return 0.0 if goal.place is None else math.sqrt(goal.place.covariance[X, X])
 
 
-def _residual(goal: GoalEstimate) -> float:
-    """Return what steering may leave aside [m]: half of what the place is unknown by."""
-    deviation = place_deviation(goal)
-    return min(max(0.5 * deviation, LEAST_RESIDUAL), RESIDUAL) if deviation else RESIDUAL
-
-
 def heading_share(left: float) -> float:
     """Return the weight of the heading alone, by the way that is ``left`` [m]."""
     share = (FACING_FROM - abs(left)) / (FACING_FROM - FACING_AT)
@@ -93,11 +90,9 @@ def braked_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> fl
     is that of ``turn_gain``.
     """
     landing = _landing_turn(angle, goal, settings)
-    return (
-        landing
-        if abs(landing) > settings.dead_band_angular
-        else settled_turn(angle, goal, settings)
-    )
+    if abs(landing) > settings.dead_band_angular:
+        return landing
+    return settled_turn(angle, goal, settings)
 
 
 def settled_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> float:

@@ -116,11 +116,6 @@ def sees_too_little(goal: GoalEstimate, settings: DriveSettings) -> bool:
     return goal.features < settings.min_features and not goal.carried
 
 
-def is_untrusted(goal: GoalEstimate, settings: DriveSettings) -> bool:
-    """Return whether the bearings are not trusted, and the goal is not near or D unknown."""
-    return goal.is_untrusted(settings.near_parallax)
-
-
 def turned_by_far(heading: float, trusted: float) -> bool:
     """Return whether a ``heading`` is not the last ``trusted`` one, by far [rad]."""
     return abs(math.remainder(heading - trusted, 2.0 * math.pi)) > TURNED

@@ -78,7 +78,9 @@ def circumstances(
     moves along. Step 2 begins aligned: its k_t depends on no bearing.
     """
     chi = 0.0 if goal.bearings is None else goal.bearings.chi
-    landed = _has_converged(goal, memory, settings)
+    # Whether e_du counts as zero when the step begins.
+    unseen = memory.phase is Phase.MATCHING_FEATURES or goal.bearings is None
+    landed = unseen or abs(chi) <= engage_bound(goal, settings)
     landing = max(settings.latch_engage, 1e-6)
     farthest = min(max(goal.motion.distance, 0.1), 100.0)
     nearest = farthest - (settings.initial_distance - settings.nearest_distance)
@@ -96,13 +98,6 @@ def circumstances(
         landing=landing,
         depth=settings.scene_depth,
     )
-
-
-def _has_converged(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    """Return whether e_du counts as zero when the step begins."""
-    if memory.phase is Phase.MATCHING_FEATURES or goal.bearings is None:
-        return True
-    return abs(goal.bearings.chi) <= engage_bound(goal, settings)
 
 
 def legal_target(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> float:

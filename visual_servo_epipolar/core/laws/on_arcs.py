@@ -22,7 +22,6 @@ from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import arrival, smooth
 from visual_servo_epipolar.core.laws.braking import BRAKING, rate_within
-from visual_servo_epipolar.core.laws.conditions import is_untrusted
 from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.laws.memory import Backing, Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -128,19 +127,9 @@ def way_back(place: tuple[float, float, float], kappa: float, bounds: Bounds) ->
     return Backing(float(bends[best]), float(ways[best]) if np.isfinite(cost[best]) else np.inf)
 
 
-def lagged(kappa: float, wanted: float, way: float) -> float:
-    """Return the curvature [1/m] after a ``way`` [m] on which the wheels turn to ``wanted``."""
-    return wanted + (kappa - wanted) * math.exp(-way / LAG_WAY)
-
-
 def lag_way(way: float) -> float:
     """Return the part of a ``way`` [m] that is lost while the wheels turn."""
     return LAG_WAY * (1.0 - math.exp(-way / LAG_WAY))
-
-
-def turned_back(kappa: float, way: float, most: float) -> float:
-    """Return the turn [rad] against a curvature ``kappa`` that a ``way`` [m] allows."""
-    return most * way - (most + kappa) * lag_way(way)
 
 
 def _approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
@@ -155,8 +144,9 @@ def _approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
         return event
     if memory.settling.settled or sight.y > -DECIDED or not settings.options.retreat:
         return Event.NOTHING
-    tolerated = MISSED * (1.0 - sight.y / FAR)
-    gone = _misses(sight, goal, settings) > tolerated
+    place = GoalOffset(*(np.array([value]) for value in sight))
+    missing = float(misses(place, sight.heading, _bounds(goal, settings, 1.0))[0])
+    gone = missing > MISSED * (1.0 - sight.y / FAR)
     return smooth.missed(memory, settings) if gone else Event.NOTHING
 
 
@@ -171,10 +161,12 @@ def _approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Tw
         return twist
     kappa, most = _present_curvature(goal), settings.drive.max_curvature
     way, left = twist.linear * usual_step(goal.period), -sight.y
-    after = lagged(kappa, twist.angular / twist.linear, way)
+    wanted = twist.angular / twist.linear
+    after = wanted + (kappa - wanted) * math.exp(-way / LAG_WAY)
     heading = sight.heading + 0.5 * (kappa + after) * way
-    undone = turned_back(math.copysign(1.0, heading) * after, left - way, SPARED * most)
-    if abs(heading) < undone:
+    # The turn against that curvature which the way allows that is left then.
+    against, then, sharp = math.copysign(1.0, heading) * after, left - way, SPARED * most
+    if abs(heading) < sharp * then - (sharp + against) * lag_way(then):
         return twist
     last = -sight.heading / max(left - lag_way(left), 2.0 * way)
     return replace(twist, angular=min(max(last, -most), most) * twist.linear)
@@ -184,7 +176,7 @@ def _retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
     backing = memory.law.backing
     if goal.offset is None or backing is None:
         return smooth.retreating(goal, memory, settings)
-    if is_untrusted(goal, settings):
+    if goal.is_untrusted(settings.near_parallax):
         return Event.LOST
     return Event.APART if backing.way == 0.0 else Event.NOTHING
 
@@ -214,13 +206,6 @@ def _with_way_back(goal: GoalEstimate, memory: Memory, settings: DriveSettings) 
 def _sight(goal: GoalEstimate, settings: DriveSettings) -> smooth.Sight | None:
     """Return where the robot will be when it obeys, by a memory of views; None without one."""
     return None if goal.offset is None else smooth.seen_from(goal, settings)
-
-
-def _misses(sight: smooth.Sight, goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return by how much the motion from here misses the goal: 1 is what it may."""
-    place = GoalOffset(*(np.array([value]) for value in sight))
-    bounds = _bounds(goal, settings, 1.0)
-    return float(misses(place, sight.heading, bounds)[0])
 
 
 def _bounds(goal: GoalEstimate, settings: DriveSettings, part: float) -> Bounds:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist, wrap_angle
 from visual_servo_epipolar.core.laws import arrival, conditions, steering
 from visual_servo_epipolar.core.laws.braking import (
@@ -73,26 +72,27 @@ def approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
         return STANDSTILL
     around = steering.goes_around(*sight, goal)
     left = max(way_left(goal), _least_left(goal, settings))
-    in_view = not around and steering.goes_around_in_view(
-        steering.polar_pose(*sight), goal, settings
-    )
+    pose, deviation = steering.polar_pose(*sight), arrival.deviation(goal)
+    in_view = not around and steering.goes_around_in_view(pose, goal, settings)
     if around or in_view:
         left = max(left, steering.LEAST_WAY * math.hypot(sight.x, sight.y))
     braking = BRAKING * settings.max_acceleration
-    speed = min(rate_within(left, deceleration=braking, delay=TAIL_S), _certain(goal, settings))
+    certain = settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
+    speed = min(rate_within(left, deceleration=braking, delay=TAIL_S), certain)
     if in_view:
-        return _around_in_view(steering.polar_pose(*sight), speed, goal, settings)
+        return _around_in_view(pose, speed, goal, settings)
     if goal.offset is None and not around:
-        speed = min(speed, max(settings.k_t * abs(goal.difference), _least_speed(goal)))
+        aside = goal.bearings is not None and abs(goal.bearings.chi) > ON_AXIS
+        least = LEAST_ASIDE if aside else 0.0  # D may be zero far away
+        speed = min(speed, max(settings.k_t * abs(goal.difference), least))
     elif speed > 0.0 and not around:
-        aside = abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)
-        speed = min(speed, converging_speed(aside, left, goal, braking, 1.0 + steering.GAINS.k1))
+        off = abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)
+        speed = min(speed, converging_speed(off, left, goal, braking, 1.0 + steering.GAINS.k1))
         if settings.max_retreat == 0.0:  # a miss is final
             speed = min(speed, looking_speed(left, goal, settings))
     # What is not known to be aside is no reason to turn.
-    look_ahead = max(
-        STEERING_S * abs(speed), LEAST_LOOK_AHEAD, place_deviation(goal) / conditions.LAST_TURN
-    )
+    unknown = place_deviation(goal) / conditions.LAST_TURN
+    look_ahead = max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD, unknown)
     pose = _aimed_pose(sight, look_ahead, around)
     kappa = _visible_curvature(pose, goal)
     speed = min(speed, _steerable(kappa, settings))
@@ -113,9 +113,9 @@ def _aimed_pose(sight: Sight, look_ahead: float, around: bool) -> steering.Polar
     ahead = max(steering.GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
     if not around:
         return steering.polar_pose(*sight, ahead=ahead)
-    return steering.on_nearer_side(
-        steering.polar_pose(*sight, ahead=steering.line_share(sight.x, sight.y) * ahead)
-    )
+    # From behind the goal a share of the look-ahead, the less the farther aside.
+    share = min(max(2.0 * (1.0 + abs(sight.x) / sight.y), 0.0), 1.0) if sight.y < 0.0 else 0.0
+    return steering.on_nearer_side(steering.polar_pose(*sight, ahead=share * ahead))
 
 
 def _around(pose: steering.PolarPose, speed: float, turn: float, settings: DriveSettings) -> Twist:
@@ -142,7 +142,7 @@ def _around_in_view(
     off = heading + wrap_angle(middle) - middle - target
     held = None if target == wanted else pose.phi + target
     kappa = steering.curvature(pose, delta_held=held)
-    share = steering.driving_share(pose.delta, off, in_place=steering.IN_PLACE)
+    share = steering.driving_share(pose.delta, off, in_place=2.0 * steering.STEERED)
     speed = min(speed, _steerable(kappa, settings))
     turn = share * kappa * speed - (1.0 - share) * off / TURN_S
     return Twist(share * speed, _within_view(turn, goal, settings))
@@ -171,7 +171,9 @@ def seen_from(goal: GoalEstimate, settings: DriveSettings) -> Sight | None:
     """Return where the robot will be when it obeys, by memory or by bearings; None of neither."""
     if goal.offset is not None:
         x, y = goal.offset
-        x -= unmodelled_yaw(goal) * min(max(y, -NEAR), NEAR)  # it is not known as well from afar
+        if goal.place is not None and not goal.mount[0]:
+            # The yaw of the camera that places show and no mount has, not known as well from afar.
+            x -= goal.place.slip * min(max(y, -NEAR), NEAR)
     elif goal.bearings is not None:
         distance = goal.distance(UNKNOWN_RANGE)
         psi = goal.bearings.psi
@@ -183,11 +185,6 @@ def seen_from(goal: GoalEstimate, settings: DriveSettings) -> Sight | None:
     heading = goal.heading_error
     middle = heading + 0.5 * turn
     return Sight(x - way * math.sin(middle), y + way * math.cos(middle), heading + turn)
-
-
-def unmodelled_yaw(goal: GoalEstimate) -> float:
-    """Return the yaw of the camera [rad], to the left, that its places show and no mount has."""
-    return 0.0 if goal.place is None or goal.mount[0] else goal.place.slip
 
 
 def back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
@@ -240,24 +237,12 @@ def _steerable(kappa: float, settings: DriveSettings) -> float:
     return settings.max_angular / abs(kappa) if kappa else math.inf
 
 
-def _certain(goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return the speed by how well the line is known [m/s]."""
-    deviation = 0.0 if math.isnan(goal.deviation) else goal.deviation
-    return settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
-
-
 def _least_left(goal: GoalEstimate, settings: DriveSettings) -> float:
     """Return the way that is left at least [m], where D says that the goal is ahead and far."""
     bearings = goal.bearings
     if goal.offset is not None or bearings is None or math.cos(bearings.current) < AHEAD:
         return -math.inf
     return STILL_LEFT if goal.difference <= -settings.retreat_difference else -math.inf
-
-
-def _least_speed(goal: GoalEstimate) -> float:
-    """Return the least speed by two views [m/s]: aside of the axis D may be zero far away."""
-    bearings = goal.bearings
-    return LEAST_ASIDE if bearings is not None and abs(bearings.chi) > ON_AXIS else 0.0
 
 
 def _within_view(turn: float, goal: GoalEstimate, settings: DriveSettings) -> float:
@@ -284,11 +269,13 @@ def _rate_to(margin: float, settings: DriveSettings) -> float:
 
 def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of one motion: lost, beside, missed, or at its end."""
-    if conditions.is_untrusted(goal, settings):
+    if goal.is_untrusted(settings.near_parallax):
         return Event.LOST
     if goal.offset is None:
-        # A single view without the memory is none; near the goal two views know no direction.
-        if goal.bearings is None or _is_lined_up(goal, goal.bearings):
+        # A single view without the memory is none; near the goal two views know no direction,
+        # and on its axis, where D is small, the second step leads there.
+        bearings, near = goal.bearings, abs(goal.difference) <= HANDOVER_DIFFERENCE
+        if bearings is None or near and max(abs(bearings.chi), abs(bearings.alpha)) <= ON_AXIS:
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(goal, settings) else Event.NOTHING
     if memory.settling.settled >= settings.arrival_frames:
@@ -307,12 +294,6 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
         return missed(memory, settings)
     beside = y < -steering.AT_GOAL and _lies_beside(goal, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
-
-
-def _is_lined_up(goal: GoalEstimate, bearings: Bearings) -> bool:
-    """Return whether the second step leads to the goal: near it, where D is small, on its axis."""
-    near = abs(goal.difference) <= HANDOVER_DIFFERENCE
-    return near and max(abs(bearings.chi), abs(bearings.alpha)) <= ON_AXIS
 
 
 def _lies_beside(
@@ -403,7 +384,7 @@ def is_through(
 
 def retreating(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event of backing off: whether the goal lies ahead by now."""
-    if conditions.is_untrusted(goal, settings):
+    if goal.is_untrusted(settings.near_parallax):
         return Event.LOST
     has_room = has_run_up(goal, memory, settings) and conditions.is_far_enough(goal, settings)
     if goal.bearings is None or not has_room:

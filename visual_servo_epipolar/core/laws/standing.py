@@ -61,7 +61,7 @@ HOLDING = PhaseRow(
     colour='#F0E442',  # faint on white: the robot stands
     classify=_resume,
     is_settled=lambda goal, _, settings: (
-        bool(goal.rivals) or not conditions.is_untrusted(goal, settings)
+        bool(goal.rivals) or not goal.is_untrusted(settings.near_parallax)
     ),
 )
 ARRIVED = PhaseRow(phase=Phase.ARRIVED, words='stands at the goal', colour='#44337A')
@@ -81,29 +81,23 @@ def _oriented(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Ev
     return Event.ALIGNED
 
 
-def _orient(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
-    """Return the turn in place to the goal's heading."""
-    return Twist(0.0, settled_turn(-goal.heading_error, goal, settings))
-
-
-def _nearly_oriented(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    bound = arrival.facing_bound(goal, memory, settings, spent=True)
-    return abs(goal.heading_error) <= bound
-
-
 ORIENTING = PhaseRow(
     phase=Phase.ORIENTING,
     words='turns in place to the heading of the photograph',
     colour='#CC79A7',
     classify=_oriented,
-    command=_orient,
+    command=lambda goal, _, settings: Twist(
+        0.0, settled_turn(-goal.heading_error, goal, settings)
+    ),
     is_settled=arrival.faces_goal,
-    is_close=_nearly_oriented,
+    is_close=lambda goal, memory, settings: (
+        abs(goal.heading_error) <= arrival.facing_bound(goal, memory, settings, spent=True)
+    ),
 )
 
 
 def _retreated(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
-    if conditions.is_untrusted(goal, settings):
+    if goal.is_untrusted(settings.near_parallax):
         return Event.LOST
     if not has_run_up(goal, memory, settings):
         return Event.NOTHING

@@ -40,9 +40,7 @@ RESERVE = 0.05  # of the margins of the view [rad]
 WIDE_RESERVE = 0.3  # of those by which the way is chosen [rad]
 WIDE = 1.0  # of a window of headings to either side, from where on it is wide [rad]
 LEAST_SHARE, KEPT_SHARE = 0.35, 0.2  # of the distance left where the aim is seen: at first, later
-ASIDE = 0.6  # |phi| and |delta| up to which it is the way ahead as that of any robot [rad]
 AT_GOAL = 0.25  # nearer a bearing tells of the goal, not of the way: it follows the line to it [m]
-IN_PLACE = 1.2  # off the aim of delta, beyond which it does not drive on at all [rad]
 STEPS = 12  # of Newton's method; one is exact to a degree
 
 
@@ -134,11 +132,6 @@ def goes_around(x: float, y: float, heading: float, goal: GoalEstimate) -> bool:
     return distance > NEAR or abs(heading) > LINE or abs(x) > -LINE * y
 
 
-def line_share(x: float, y: float) -> float:
-    """Return the share of the look-ahead that is aimed at ahead of the goal, from behind it."""
-    return min(max(2.0 * (1.0 + abs(x) / y), 0.0), 1.0) if y < 0.0 else 0.0
-
-
 def on_nearer_side(pose: PolarPose) -> PolarPose:
     """Return ``pose`` with the phi, of the two ahead of the goal, whose aim is the nearer one."""
     if abs(pose.phi) <= BEHIND_IT:
@@ -174,12 +167,6 @@ def heading_window(goal: GoalEstimate, reserve: float) -> tuple[float, float]:
     return -half, half
 
 
-def is_wide(window: tuple[float, float]) -> bool:
-    """Return whether a ``window`` of heading errors [rad] is wide to both sides."""
-    low, high = window
-    return low < -WIDE and high > WIDE and math.isfinite(high - low)
-
-
 def share_left(phi: float, window: tuple[float, float]) -> float:
     """Return the share of the distance that is left where the aim of delta is within a window."""
     edge = -window[0] if phi > 0.0 else window[1]  # by symmetry of one to the right
@@ -207,9 +194,10 @@ def leads_around(
 
     A base that steers cannot turn to the aim first: ``on_arcs`` says where its motion leads.
     """
-    window = heading_window(goal, WIDE_RESERVE)
-    wide = turns_in_place(settings.drive) and is_wide(window)
-    return wide and share_left(pose.phi, window) >= least
+    low, high = heading_window(goal, WIDE_RESERVE)
+    wide = low < -WIDE and high > WIDE and math.isfinite(high - low)
+    leads = turns_in_place(settings.drive) and wide
+    return leads and share_left(pose.phi, (low, high)) >= least
 
 
 def goes_around_in_view(
@@ -218,7 +206,7 @@ def goes_around_in_view(
     settings: DriveSettings,
     *,
     least: float = KEPT_SHARE,
-    aside: float = ASIDE,
+    aside: float = STEERED,
 ) -> bool:
     """Return whether it goes around the goal now: it is ``aside`` [rad] of the way ahead."""
     if pose.distance < AT_GOAL or max(abs(pose.phi), abs(pose.delta)) < aside:

@@ -85,19 +85,16 @@ def _begin_displacing(goal: GoalEstimate, memory: Memory, settings: DriveSetting
     if memory.run.restarts >= MOST_RESTARTS and settings.options.speed_ramps:
         raise ValueError(Reason.RESTARTED.of(memory.run.restarts))
     memory = conditions.with_new_leg(goal, memory)
-    if settings.derives:
-        return memory.changed(target=legal_target(goal, memory, settings))
-    return memory.changed(target=_target(goal, settings))
-
-
-def _target(goal: GoalEstimate, settings: DriveSettings) -> float:
-    """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
     bearings = goal.bearings
-    if bearings is None:
-        return 0.0
-    if not settings.options.discordant_turn:
-        return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
-    return math.tan(conditions.discordant_bearing(goal, settings))
+    if settings.derives:
+        target = legal_target(goal, memory, settings)
+    elif bearings is None:
+        target = 0.0
+    elif settings.options.discordant_turn:
+        target = math.tan(conditions.discordant_bearing(goal, settings))
+    else:  # section IV-B, remarks
+        target = math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
+    return memory.changed(target=target)
 
 
 DISPLACING = PhaseRow(
@@ -246,11 +243,6 @@ def _are_zero(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bo
     return abs(goal.bearings.alpha) <= arrival.align_bound(goal, memory, settings)
 
 
-def _begin_zeroing(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
-    """Return ``memory`` with a new leg, and its derived gains; ValueError if none is legal."""
-    return with_gains_of_now(goal, conditions.with_new_leg(goal, memory), settings)
-
-
 def _observe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Memory:
     """Latch e_du at zero, once it is small or of the other sign, until a new phase."""
     if memory.law.latched or goal.bearings is None:
@@ -267,22 +259,24 @@ ZEROING_EPIPOLES = PhaseRow(
     classify=_zeroed,
     command=_zero_epipoles,
     is_settled=_are_zero,
-    begin=_begin_zeroing,
+    begin=lambda goal, memory, settings: with_gains_of_now(
+        goal, conditions.with_new_leg(goal, memory), settings
+    ),
     observe=_observe,
 )
 
 
 def _matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
-    if conditions.is_untrusted(goal, settings):
+    if goal.is_untrusted(settings.near_parallax):
         return Event.LOST
     attempts_remain = memory.run.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
     if repeats and arrival.stands_beside(goal, memory, settings):
         return Event.MISSED
-    doubtful = arrival.is_in_doubt(goal, settings) and not arrival.stands_aside(
-        goal, memory, settings
-    )
-    looks = DOUBTFUL_LOOKS if doubtful else 1
+    # In doubt a few looks suffice where the robot stands clearly aside.
+    looks_aside = abs(memory.settling.settled_aside) > arrival.SURE_DEVIATIONS
+    sure = looks_aside and memory.run.attempts == 1
+    looks = DOUBTFUL_LOOKS if arrival.is_in_doubt(goal, settings) and not sure else 1
     if memory.settling.settled < looks * settings.arrival_frames:
         return Event.NOTHING
     missed = Event.MISSED if repeats else Event.EXHAUSTED
