@@ -7,10 +7,14 @@ import zlib
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.stamps import NOT_ADVANCING, OTHER_CLOCK_S, seconds_between
+from visual_servo_epipolar.core.stamps import (
+    MOST_GAP_S,
+    NOT_ADVANCING,
+    OTHER_CLOCK_S,
+    seconds_between,
+)
 
 STILL_S = 0.25  # that a simulated clock stands still, and images come: a step of it is shorter
-LEAP_S = 1.0  # backwards; what overtakes on a network does so by less
 DISTRUST_S = 2.0  # after an image of another time: where one comes, others do that are not known
 KEPT = 64  # images that are known again: six seconds of them
 ROWS = 8  # of so many one is looked at, which costs 0.1 ms where there are 1280x1024 px
@@ -65,7 +69,7 @@ def disorder(newest_ns: int | None, stamp_ns: int, remedy: str) -> str:
     if newest_ns is None or stamp_ns > newest_ns:
         return ''
     back_s = seconds_between(stamp_ns, newest_ns)
-    if back_s <= LEAP_S:
+    if back_s <= MOST_GAP_S:  # one image overtook another on a network
         return NOT_ADVANCING
     return (
         f'the stamps went back by {back_s:.1f} s: a bag played in a loop, or a clock that was '
@@ -156,7 +160,9 @@ class Repetition:
 
     def see(self, image: Image | None) -> int:
         """Take the next image, None if it could not be read, and return the count."""
-        known = None if image is None else _fingerprint(image)
+        known = None
+        if image is not None:  # what two that are not the very same hardly ever share
+            known = image.shape, zlib.crc32(np.ascontiguousarray(image[::ROWS]).data)
         again = bool(self._kept) and known == self._kept[0] and self._is_last(image)
         self._last, self.count = image, self.count + 1 if again else 0
         self.back = 0
@@ -168,8 +174,3 @@ class Repetition:
     def _is_last(self, image: Image | None) -> bool:
         """Return whether an image is the last one, pixel by pixel."""
         return image is not None and self._last is not None and np.array_equal(image, self._last)
-
-
-def _fingerprint(image: Image) -> tuple[tuple[int, ...], int]:
-    """Return what two images that are not the very same hardly ever share."""
-    return image.shape, zlib.crc32(np.ascontiguousarray(image[::ROWS]).data)

@@ -20,18 +20,12 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
 from visual_servo_epipolar.core.laws.conditions import turned_by_far
+from visual_servo_epipolar.core.laws.two_steps import MOST_RESTARTS
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.increments import OdometryIncrement
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
-from visual_servo_epipolar.core.servo.dead_reckoning import (
-    desired_rate,
-    drive_since,
-    DrivenInterval,
-    jitter,
-    reckon,
-    usual_period,
-)
+from visual_servo_epipolar.core.servo import dead_reckoning
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
 from visual_servo_epipolar.core.twoview.estimator import UNKNOWN_COVARIANCE
@@ -49,7 +43,6 @@ from visual_servo_epipolar.core.twoview.validation import noise_learnt
 
 SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
-MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 
 
 class Fusion(NamedTuple):
@@ -71,11 +64,11 @@ def estimate(
     state: ServoState, perception: Perception, dt: float, settings: ServoSettings
 ) -> ServoState:
     """Return the state by a ``perception``, with the estimate of the goal after it."""
-    drive = drive_since(state, perception, dt, settings)
+    drive = dead_reckoning.drive_since(state, perception, dt, settings)
     fusion = fuse(state, perception, drive.increment, dt, settings)
     fusion, identified = identify(state, perception, fusion, drive, settings)
     measurement = fusion.measurement
-    leg, motion = reckon(state, measurement, identified, drive, settings)
+    leg, motion = dead_reckoning.reckon(state, measurement, identified, drive, settings)
     return state.changed(
         view=_see(state, fusion, identified, motion, perception.observation, dt, settings),
         goal=replace(state.goal, map=fusion.map),
@@ -83,7 +76,7 @@ def estimate(
         motion=motion,
         leg=leg,
         travel=state.run.travel + drive.travel,
-        desired_rate=desired_rate(state, measurement, dt),
+        desired_rate=dead_reckoning.desired_rate(state, measurement, dt),
     )
 
 
@@ -98,7 +91,9 @@ def _see(
 ) -> ViewState:
     """Return what is seen, with what perception and the map carry on."""
     mounted = identified.extrinsics or settings.extrinsics
-    period = usual_period(state.view.period, dt)
+    stamp_ns, before = fusion.measurement.stamp_ns, state.view.seen_ns
+    enough = fusion.measurement.features >= settings.min_features
+    period = dead_reckoning.usual_period(state.view.period, dt)
     return ViewState(
         measurement=goal_estimate(
             fusion.measurement,
@@ -108,7 +103,7 @@ def _see(
             place=fusion.map.place,
             motion=motion,
             period=period,
-            jitter=jitter(state.view, dt),
+            jitter=dead_reckoning.jitter(state.view, dt),
             trusted_heading=_trusted_heading(state, fusion.measurement, settings),
             followed=fusion.memory.rivals,
         ),
@@ -116,16 +111,10 @@ def _see(
         period=period,
         rotation_bias=fusion.rotation_bias,
         frame=state.view.frame,
-        seen_ns=_seen_ns(state, fusion.measurement, settings),
+        # The last image with enough features; the first one, if none ever had.
+        seen_ns=stamp_ns if enough or before is None else before,
         joints=None if observation is None else observation.joints,
     )
-
-
-def _seen_ns(state: ServoState, measurement: Measurement, settings: ServoSettings) -> int:
-    """Return when enough features were seen last; or the first image, if never."""
-    before = state.view.seen_ns
-    enough = measurement.features >= settings.min_features
-    return measurement.stamp_ns if enough or before is None else before
 
 
 def _trusted_heading(
@@ -144,9 +133,9 @@ def update_map(state: ServoState) -> ServoState:
     views, memory = state.map.update_map(), state.view.memory
     if memory is not None:
         memory = noise_learnt(memory)
-    if views is not state.map:
-        memory = with_wrong_matches(memory, views)
-    elif memory is state.view.memory:
+        if views is not state.map and memory.wrong is not None and views.views is not None:
+            memory = replace(memory, wrong=views.views.wrong)
+    if views is state.map and memory is state.view.memory:
         return state
     return state.changed(goal=replace(state.goal, map=views), memory=memory)
 
@@ -237,21 +226,11 @@ def two_view_skip(
     )
 
 
-def with_wrong_matches(
-    memory: PerceptionMemory | None, after: MapState
-) -> PerceptionMemory | None:
-    """Return what perception carries on, with wrong matches as the map has them ``after``."""
-    if memory is None or memory.wrong is None or after.views is None:
-        return memory
-    wrong = after.views.wrong
-    return memory if wrong == memory.wrong else replace(memory, wrong=wrong)
-
-
 def identify(
     state: ServoState,
     perception: Perception,
     fusion: Fusion,
-    drive: DrivenInterval,
+    drive: dead_reckoning.DrivenInterval,
     settings: ServoSettings,
 ) -> tuple[Fusion, Identification]:
     """Return what a ``drive`` and the view after it show, less a disproved geometry."""
@@ -260,7 +239,7 @@ def identify(
         before.extrinsics or settings.extrinsics,
         fusion.measurement,
         drive.travel,
-        missed=state.run.attempts > 1 or state.run.restarts >= MANY_RESTARTS,
+        missed=state.run.attempts > 1 or state.run.restarts >= MOST_RESTARTS // 3,
     )
     if extrinsics.contradicts:
         fusion, extrinsics = disproved(perception, settings), settings.extrinsics

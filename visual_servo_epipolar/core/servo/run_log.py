@@ -14,8 +14,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 BESIDE = 0.65  # bearing off the goal's axis: no way straight ahead keeps it in view [rad]
 MOST_TURNED = 0.5  # heading error with which a robot beside the goal moves aside at most [rad]
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
-# A robot stands on its way for longer than a cusp takes [s], farther from its last place [m].
-LEAST_STANDSTILL_S, ENDING_M = 0.3, 0.01
+LEAST_STANDSTILL_S = 0.3  # for which a robot stands on its way: longer than a cusp takes
 AT_GOAL_M = 0.02  # a robot this near the goal has arrived, for whoever watches it
 WRONG_M, WRONG_DEG = 0.05, 2.0  # an arrival farther off is wrong, and the robot does not say so
 LEAST_REVERSED = {'v': 0.01, 'w': 0.05}  # slower commands are no motion to and fro [m/s, rad/s]
@@ -178,15 +177,10 @@ def kind(result: Mapping[str, Any]) -> str:
     return 'wrong' if off else 'arrived'
 
 
-def least_time_of(log: RunLog) -> float | None:
-    """Return T_0 [s], the least time from the first pose; None where the limits are unknown."""
-    return None if log.limits is None else least_time(log.samples[0].pose, log.limits)
-
-
 def _smoothness(log: RunLog) -> dict[str, Any]:
     """Return what whoever watches the run sees of it: time over the least, standstills, jerk."""
     times, samples = seconds(log), log.samples
-    least = least_time_of(log)
+    least = None if log.limits is None else least_time(samples[0].pose, log.limits)
     return {
         'least_time_s': least,
         'time_ratio': end_s(log) / least if least else None,
@@ -205,7 +199,7 @@ def standstills(log: RunLog) -> int:
 
     def stands(index: int) -> bool:
         sample = log.samples[index]
-        away = math.hypot(sample.pose.x - final.x, sample.pose.y - final.y) > ENDING_M
+        away = math.hypot(sample.pose.x - final.x, sample.pose.y - final.y) > 0.5 * AT_GOAL_M
         return away and sample.phase.runs and abs(sample.twist.linear) < LEAST_REVERSED['v']
 
     spans = [list(span) for stood, span in groupby(range(len(times)), stands) if stood]

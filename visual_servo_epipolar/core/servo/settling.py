@@ -9,7 +9,6 @@ first leads away by one, where that ends nearer. A base that goes back and forth
 the body nods or the lens breathes, ends in the same way.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 import math
 from typing import Any, NamedTuple
@@ -20,12 +19,7 @@ from visual_servo_epipolar.core.estimate.dead_band import learns, STANDING
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.wall import aside
-from visual_servo_epipolar.core.laws.arrival import (
-    FACING,
-    facing_bound,
-    is_in_doubt,
-    matched_bound,
-)
+from visual_servo_epipolar.core.laws import arrival
 from visual_servo_epipolar.core.laws.conditions import sees_too_little
 from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -95,8 +89,11 @@ def settle(
         state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     if measurement is None or not is_settled(state, settings):
         return state.changed(settled=0) if state.settling.settled else state
-    if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
-        state = state.changed(settled=0)
+    if state.phase is Phase.HOLDING:  # images in a row come in time after each other
+        stamp_ns = measurement.stamp_ns
+        gap = 0.0 if previous is None else seconds_between(previous.stamp_ns, stamp_ns)
+        if not 0.0 < gap <= settings.stale_timeout:
+            state = state.changed(settled=0)
     settled = state.settling.settled + 1
     mean = state.settling.settled_parallax if state.settling.settled else 0.0
     square = mean**2 + (measurement.parallax**2 - mean**2) / settled
@@ -184,7 +181,7 @@ def _stands(
     turn = math.remainder(now.heading_error - previous.heading_error, 2.0 * math.pi)
     return abs(now.difference - previous.difference) <= max(
         settings.arrival_difference, change
-    ) and abs(turn) <= max(FACING, STANDING * dt * abs(asked.angular))
+    ) and abs(turn) <= max(arrival.FACING, STANDING * dt * abs(asked.angular))
 
 
 def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
@@ -202,7 +199,7 @@ def _with_swing(state: ServoState, settings: ServoSettings) -> ServoState:
     goal = state.settling.rest if measured else state.measurement
     if goal is None:
         return state
-    bound = matched_bound(goal, state, settings, spent=True)
+    bound = arrival.matched_bound(goal, state, settings, spent=True)
     steers = not turns_in_place(settings.drive)  # its law goes back once
     by_pulses = settings.dead_band_linear > 0.0 and not (measured or steers)
     swing_s = state.motion.sent.swing_s(
@@ -230,9 +227,9 @@ def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> Servo
     if seen is None or state.settling.rested != settings.arrival_frames:
         return state
     period, slope = state.view.period, _slope(seen, state)
-    if (move := _last_move(seen, slope, state)) is not None:
+    if (move := _last_move(seen, state, slope)) is not None:
         band = band.after_move(move.way, move.gone, _mean_error(state, slope), period, settings)
-    if (turn := _last_turn(seen, state)) is not None:
+    if (turn := _last_move(seen, state)) is not None:
         band = band.after_turn(turn.way, turn.gone, seen.heading_deviation, period, settings)
     return state.changed(dead_band=band)
 
@@ -248,19 +245,9 @@ def _aside(
     """Return the mean by which settled frames look aside, for want of a better estimate."""
     settling = state.settling
     before = settling.settled_aside if settling.settled else 0.0
-    if seen is None or not state.phase.straight or not is_in_doubt(goal, settings):
+    if seen is None or not state.phase.straight or not arrival.is_in_doubt(goal, settings):
         return before
     return before + (aside(seen.current, seen.desired) - before) / (state.settling.settled + 1)
-
-
-def _follows(
-    measurement: Measurement, previous: Measurement | None, settings: ServoSettings
-) -> bool:
-    """Return whether a measurement comes in time after the ``previous`` one: in a row with it."""
-    if previous is None:
-        return False
-    gap = seconds_between(previous.stamp_ns, measurement.stamp_ns)
-    return 0.0 < gap <= settings.stale_timeout
 
 
 class Aim(NamedTuple):
@@ -306,7 +293,7 @@ def pulsed_move(
     if not ends_straight:
         return None if turn is None else (Twist(0.0, turn[0]), Twist(0.0, turn[1]))
     left, band = -seen.difference / slope, settings.dead_band_linear
-    bound = matched_bound(seen, state, settings) / slope
+    bound = arrival.matched_bound(seen, state, settings) / slope
     moves = _moves(rest.linear, band)
     swings = band > 0.0 and state.settling.swing_s > 0.0
     near = abs(left) <= max(band * seen_after(settings), AT_GOAL_M if swings else 0.0)
@@ -354,7 +341,7 @@ def _pulsed_turn(
         return None
     if abs(wanted) >= band and not (stands or _moves(moving, band)):
         return None
-    bound = facing_bound(seen, state, settings)
+    bound = arrival.facing_bound(seen, state, settings)
     ramp = _ramp(settings.max_angular_acceleration, settings.max_angular_jerk, state)
     limit = settings.max_speed_ratio * settings.max_angular
     aim = Aim(-seen.heading_error, bound, band, ramp, limit, room=seen.view_margins)
@@ -423,39 +410,26 @@ class Move(NamedTuple):
     lasted: float
 
 
-def _last_move(seen: GoalEstimate, slope: float, state: ServoState) -> Move | None:
-    """Return the last move along the axis [m], which led to what is ``seen``."""
-    stood = state.settling.stood
-    if stood is None or not slope > 0.0:
+def _last_move(seen: GoalEstimate, state: ServoState, slope: float | None = None) -> Move | None:
+    """
+    Return the last move, which led to what is ``seen``; None if there was none, or to and fro.
+
+    Along the axis by the ``slope`` of D [m]; without one that of the heading [rad].
+    """
+    stood, sent = state.settling.stood, state.motion.sent
+    if stood is None or not sent.stamps or sent.stamps[0] > stood.stamp_ns:
         return None
-    change = (seen.difference - stood.difference) / slope
-    return _sent_since(stood, seen, change, state, lambda twist: twist.linear)
-
-
-def _last_turn(seen: GoalEstimate, state: ServoState) -> Move | None:
-    """Return the last move that was a turn [rad], likewise."""
-    stood = state.settling.stood
-    if stood is None or seen.offset is None:
-        return None
-    change = math.remainder(seen.heading_error - stood.heading_error, 2.0 * math.pi)
-    return _sent_since(stood, seen, change, state, lambda twist: twist.angular)
-
-
-def _sent_since(
-    stood: GoalEstimate,
-    seen: GoalEstimate,
-    change: float,
-    state: ServoState,
-    part: Callable[[Twist], float],
-) -> Move | None:
-    """Return the move by ``change`` from one stand to the next; None if none, or to and fro."""
-    sent = state.motion.sent
-    if not sent.stamps or sent.stamps[0] > stood.stamp_ns:
-        return None
+    if slope is not None:
+        change = (seen.difference - stood.difference) / slope if slope > 0.0 else math.nan
+    elif seen.offset is not None:
+        change = math.remainder(seen.heading_error - stood.heading_error, 2.0 * math.pi)
+    else:
+        change = math.nan
     acting = sent.acting(stood.stamp_ns, seen.stamp_ns, 0.0)
-    spans = [(span, part(twist)) for span, twist in acting if part(twist)]
+    parts = [(span, twist.angular if slope is None else twist.linear) for span, twist in acting]
+    spans = [(span, speed) for span, speed in parts if speed]
     way = math.fsum(span * speed for span, speed in spans)
-    if not way or min(way * speed for _, speed in spans) < 0.0:
+    if math.isnan(change) or not way or min(way * speed for _, speed in spans) < 0.0:
         return None
     lasted = math.fsum(span for span, _ in spans)
     return Move(abs(way), math.copysign(1.0, way) * change, lasted)
@@ -470,7 +444,7 @@ def _acceleration(
     Before a move it is twice that of the ramps, and so large that even a base without ramps ends
     no farther past what is ``left`` [m] than by half of it.
     """
-    least, move = settings.max_acceleration, _last_move(seen, slope, state)
+    least, move = settings.max_acceleration, _last_move(seen, state, slope)
     if move is None:
         return max(2.0 * least, 0.6 * settings.dead_band_linear**2 / max(abs(left), 1e-9))
     way, gone, lasted = move

@@ -128,11 +128,3 @@ class ServoState(Memory):
     def twist(self) -> Twist:
         """Velocity of the last command [m/s, rad/s]."""
         return self.motion.command.twist
-
-    @property
-    def longitudinal_error(self) -> float:
-        """Longitudinal error y = D / (dD/dy) [m], negative behind the goal; nan while unknown."""
-        measurement = self.measurement
-        return (
-            math.nan if measurement is None else measurement.difference / self.motion.slope.value
-        )

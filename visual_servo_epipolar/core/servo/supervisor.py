@@ -27,18 +27,12 @@ from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing, probe
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import Command, Gaze, HeadCommand
+from visual_servo_epipolar.core.servo import timing
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.estimator import estimate, update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import pulsed_move, row_of, settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
-from visual_servo_epipolar.core.servo.timing import (
-    after_clock_jump,
-    clock_jump,
-    has_timed_out,
-    phase_timeout,
-    time_step,
-)
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.observation import Observation
@@ -52,7 +46,7 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     goal, phase = state.settling.rest or state.measurement, state.phase
     if goal is None or phase.ended:
         return Event.NOTHING
-    if has_timed_out(state, goal, settings):
+    if timing.has_timed_out(state, goal, settings):
         return Event.TIMED_OUT
     if state.check.trouble:  # motion contradicts the commands: hold, or end where it recurs
         held = Event.LOST if phase.drives else Event.NOTHING
@@ -182,7 +176,7 @@ def _reason(state: ServoState, goal: GoalEstimate, event: Event, settings: Servo
 
 def _too_long(state: ServoState, settings: ServoSettings) -> str:
     """Return in words that the phase takes longer than it may, and why."""
-    most = phase_timeout(state.phase, settings)
+    most = timing.phase_timeout(state.phase, settings)
     because = f': {state.run.warning}' if state.run.warning else ''
     if most < settings.phase_timeout:
         because = Reason.SWINGS.of()
@@ -245,10 +239,10 @@ def advance(
     """Return the state after a ``perception``: the part of ``decide`` that needs no features."""
     last_twist, measurement = state.twist, perception.measurement
     usual_s = usual_step(state.view.period)
-    leapt = clock_jump(state, measurement.stamp_ns, settings)
-    dt = 0.0 if leapt else time_step(state, measurement.stamp_ns)
+    leapt = timing.clock_jump(state, measurement.stamp_ns, settings)
+    dt = 0.0 if leapt else timing.time_step(state, measurement.stamp_ns)
     if leapt:
-        state = after_clock_jump(state, measurement.stamp_ns)
+        state = timing.after_clock_jump(state, measurement.stamp_ns)
     settings = state.identified.effective(settings)
     state = state.changed(sent=state.motion.sent.resumed(measurement.stamp_ns))
     state = update(state, perception, dt, settings)

@@ -48,7 +48,8 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'focal_ratio': math.exp(memory.lens.log_ratio),
         'focal_ratio_deviation': memory.lens.ratio_deviation,
         'principal_shift_px': measurement.focal * memory.lens.shift,
-        'longitudinal_error_m': state.longitudinal_error,
+        # y = D / (dD/dy), negative behind the goal.
+        'longitudinal_error_m': measurement.difference / state.motion.slope.value,
         'curvature_rad_m': state.identified.curvature.value,
         SINCE_COMMAND: state.since_command,
         'dead_band_linear_m_s': state.identified.dead_band.linear.value,
