@@ -89,6 +89,5 @@ def test_a_retreat_is_not_begun_by_such_a_focal_length_either() -> None:
     wrong, driving = told_as(0.5), in_phase(Phase.ZEROING_EPIPOLES, measurement=sight())
     state, event = check_lens(driving, wrong, Event.SIDEWAYS, SETTINGS)
     assert event is Event.LOST
-    assert state.measurement is not None
     assert state.measurement.reason.startswith('the matches contradict the camera')
     assert check_lens(driving, wrong, Event.ALIGNED, SETTINGS) == (driving, Event.ALIGNED)

@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import asked, BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
+from servo_states import asked, BEARINGS, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import (
@@ -20,31 +20,31 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.supervisor import _beyond_dead_band
 
 
-@pytest.mark.parametrize(('deviations', 'seen'), [(1.20, False), (1.30, True)])
-def test_noise_alone_shows_a_parallax_of_one_and_a_quarter(deviations: float, seen: bool) -> None:
-    # So many features that the root of their mean square varies by nothing.
-    exact = replace(SETTINGS, arrival_parallax=0.0)
-    still = sight(features=10**8, parallax=deviations * 0.3 / 769.0)
-    assert asked(has_parallax, in_phase(Phase.MATCHING_FEATURES), still, exact) == seen
-
-
-@pytest.mark.parametrize(('features', 'factor'), [(25, 1.3), (100, 1.15)])
-def test_few_features_vary_more(features: int, factor: float) -> None:
-    exact = replace(TWO_VIEWS, arrival_parallax=0.0)
-    for change, seen in [(0.97, False), (1.03, True)]:
-        still = sight(features=features, parallax=change * factor * 1.25 * 0.3 / 769.0)
-        assert asked(has_parallax, in_phase(Phase.MATCHING_FEATURES), still, exact) == seen
-
-
-def test_who_is_in_doubt_allows_for_no_such_luck_at_first() -> None:
-    """A memory of views would know: a small way back and forth tells it."""
-    exact = replace(SETTINGS, arrival_parallax=0.0)
-    still = sight(features=25, parallax=1.1 * 1.25 * 0.3 / 769.0)
-    first = in_phase(Phase.MATCHING_FEATURES)
-    assert asked(has_parallax, first, still, exact)
-    assert not asked(has_parallax, first.changed(attempts=2), still, exact)
-    lens = replace(exact, focal_deviation=1.0)  # nothing is remembered through it
-    assert not asked(has_parallax, first, still, lens)
+@pytest.mark.parametrize(
+    ('features', 'deviations', 'changes', 'seen'),
+    [
+        # So many features that the root of their mean square varies by nothing.
+        (10**8, 1.20, {}, False),
+        (10**8, 1.30, {}, True),
+        # Few vary more.
+        (25, 0.97 * 1.3 * 1.25, {'memory': False}, False),
+        (25, 1.03 * 1.3 * 1.25, {'memory': False}, True),
+        (100, 0.97 * 1.15 * 1.25, {'memory': False}, False),
+        (100, 1.03 * 1.15 * 1.25, {'memory': False}, True),
+        # In doubt a robot allows for no such luck at first: a small way back and forth tells it.
+        (25, 1.1 * 1.25, {}, True),
+        (25, 1.1 * 1.25, {'attempts': 2}, False),
+        (25, 1.1 * 1.25, {'focal_deviation': 1.0}, False),  # nothing is remembered through it
+    ],
+)
+def test_noise_alone_shows_a_parallax_of_one_and_a_quarter(
+    features, deviations, changes, seen
+) -> None:
+    still = sight(features=features, parallax=deviations * 0.3 / 769.0)
+    state = in_phase(Phase.MATCHING_FEATURES, attempts=changes.get('attempts', 1))
+    told = {name: value for name, value in changes.items() if name != 'attempts'}
+    settings = replace(SETTINGS, arrival_parallax=0.0, **told)
+    assert asked(has_parallax, state, still, settings) == seen
 
 
 def learnt_turn(*, unrest: float, frames: int = 1) -> float:

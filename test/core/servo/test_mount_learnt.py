@@ -56,7 +56,6 @@ def test_bearings_that_driving_disproves_are_given_up(phase: Phase) -> None:
     assert state.reason == ('the bearings contradict what was driven; they are looked for anew')
     assert repr(state.view.memory) == repr(MEMORY)
     assert state.identified.extrinsics is SETTINGS.extrinsics
-    assert state.measurement is not None
     assert state.measurement.bearings is None
 
 
@@ -77,7 +76,6 @@ def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:
     turned = Bearings(BEARINGS.psi, BEARINGS.phi - 0.1)
     state = then(contradicted(Phase.ZEROING_EPIPOLES), sight(bearings=turned))
     assert state.phase is not Phase.HOLDING
-    assert state.identified.extrinsics is not None
     assert state.identified.extrinsics.contradictions == MAX_CONTRADICTIONS - 1
 
 
@@ -95,7 +93,6 @@ def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
     assert paper.phase is Phase.DISPLACING
     state = then(zeroing)
     assert (state.phase, state.reason) == (Phase.DISPLACING, 'escaped')
-    assert state.run.mount is not None
     assert state.run.mount[0] == pytest.approx(math.radians(1.6))
     assert yaw_learnt(state.measurement, state) == 0.0
     assert then(zeroing.changed(extrinsics=learnt_yaw(1.4))).phase is zeroing.phase
@@ -140,22 +137,17 @@ def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
 def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:
     settings = replace(SETTINGS, camera_yaw=0.1, camera_forward=0.3)
     state = then(ServoState(), sight(), settings)
-    assert state.measurement is not None
-    assert state.identified.extrinsics is not None
     assert state.measurement.camera_bearings == BEARINGS
     assert state.measurement.seen_bearings == BEARINGS
     mount = of_camera_axes(np.array([0.1, 0.3, 0.0]))
     expected = at_axle(BEARINGS, mount, state.identified.extrinsics.distance)
     found = state.measurement.bearings
-    assert found is not None
     assert (found.psi, found.phi) == pytest.approx((expected.psi, expected.phi))
 
 
 def test_a_camera_on_the_axle_keeps_its_bearings_to_the_bit() -> None:
-    state = then(ServoState())
-    assert state.measurement is not None
-    assert state.measurement.bearings is BEARINGS
-    assert state.measurement.camera_bearings is None
+    seen = then(ServoState()).measurement
+    assert (seen.bearings, seen.camera_bearings) == (BEARINGS, None)
 
 
 @pytest.mark.parametrize(
@@ -179,7 +171,6 @@ def test_a_leg_by_another_mount_is_forgotten() -> None:
     known = ranged(mean=mean, covariance=covariance, travel=0.05)
     state = in_phase(Phase.DISPLACING, extrinsics=known, leg=Leg(0.3, 0.4))
     after = then(state)
-    assert after.identified.extrinsics is not None
     assert after.identified.extrinsics.believed
     assert after.law.leg is None
 
@@ -188,5 +179,4 @@ def test_a_belief_survives_where_nothing_is_seen() -> None:
     blind = Measurement(100_000_000, 3, 769.0, 0.3, reason='3 features, 12 needed')
     state = then(in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(2.0)), blind)
     assert state.phase is Phase.HOLDING
-    assert state.identified.extrinsics is not None
     assert state.identified.extrinsics.mount[0] == pytest.approx(math.radians(2.0))

@@ -36,22 +36,22 @@ def test_tracks_that_stay_away_make_a_robot_hold_that_drives(phase: Phase) -> No
         assert state.phase is phase
 
 
-def test_no_run_holds_for_ever() -> None:
-    state = interrupted(in_phase(Phase.HOLDING), Interruption.TIMED_OUT, 'for 5 s')
-    assert (state.phase, state.reason) == (Phase.FAILED, 'for 5 s')
-
-
-@pytest.mark.parametrize('phase', [Phase.WAITING, Phase.ARRIVED, Phase.FAILED])
-def test_what_does_not_run_cannot_time_out(phase: Phase) -> None:
-    before = in_phase(phase)
-    state = interrupted(before, Interruption.TIMED_OUT, 'for 5 s')
-    assert (state.phase, state.reason) == (before.phase, before.reason)
-
-
-def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
-    for phase, reason in ((Phase.HOLDING, 'a new one'), (Phase.FAILED, 'his own')):
-        state = interrupted(in_phase(phase, reason='his own'), Interruption.LOST, 'a new one')
-        assert (state.phase, state.reason) == (phase, reason)
+@pytest.mark.parametrize(
+    ('phase', 'kind', 'after', 'newest'),
+    [
+        (Phase.HOLDING, Interruption.TIMED_OUT, Phase.FAILED, True),
+        (Phase.WAITING, Interruption.TIMED_OUT, Phase.WAITING, False),
+        (Phase.ARRIVED, Interruption.TIMED_OUT, Phase.ARRIVED, False),
+        (Phase.FAILED, Interruption.TIMED_OUT, Phase.FAILED, False),
+        (Phase.HOLDING, Interruption.LOST, Phase.HOLDING, True),
+        (Phase.FAILED, Interruption.LOST, Phase.FAILED, False),
+    ],
+)
+def test_no_run_holds_for_ever_and_one_that_has_ended_keeps_its_reason(
+    phase, kind, after, newest
+) -> None:
+    state = interrupted(in_phase(phase, reason='its own'), kind, 'a new one')
+    assert (state.phase, state.reason) == (after, 'a new one' if newest else 'its own')
 
 
 @pytest.mark.parametrize('phase', PHASES)

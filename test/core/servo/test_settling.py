@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_settled, SEEN_S, settle
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance, classify, nominal_twist
+from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
@@ -50,9 +51,10 @@ def stood(
 def test_a_mean_of_what_is_seen_at_rest_decides_not_each_image() -> None:
     swings = [1.5 * BOUND, -1.5 * BOUND] * 4
     state = stood(swings)
-    assert state.settling.rest is not None
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
     assert state.settling.rest.offset == pytest.approx((0.0, 0.0))
+    assert state.settling.rested == 8
+    assert state.settling.rest_square == pytest.approx(8.0 * (1.5 * BOUND) ** 2)
     assert is_settled(state, BANDED)
     assert not is_settled(seeing(state, rest=None), BANDED)
     assert stood([*swings, 3.0 * BOUND]).settling.settled > 1  # no outlier begins anew
@@ -66,7 +68,6 @@ def test_two_views_alone_are_averaged_at_rest_as_well() -> None:
         sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
         state = seeing(state, measurement=seen, sent=sent)
         state = settle(state, None, None, 0.1, BANDED)
-    assert state.settling.rest is not None
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
 
 
@@ -122,15 +123,12 @@ def test_a_turn_after_which_the_heading_is_as_before_shows_a_dead_band(
 
 
 def test_time_at_the_goal_is_that_within_20_mm() -> None:
-    assert stood([1.9e-3] * 8).settling.time_at_goal == pytest.approx(0.8)
-    assert stood([2.1e-3] * 8).settling.time_at_goal == 0.0
-    assert stood([1.9e-3] * 8 + [2.1e-3]).settling.time_at_goal == 0.0
-
-
-def test_what_varies_at_rest_is_the_error_of_its_mean() -> None:
-    state = stood([1e-3, -1e-3] * 4)
-    assert state.settling.rested == 8
-    assert state.settling.rest_square == pytest.approx(8e-6)
+    for seen, seconds in (
+        ([1.9e-3] * 8, 0.8),
+        ([2.1e-3] * 8, 0.0),
+        ([1.9e-3] * 8 + [2.1e-3], 0.0),
+    ):
+        assert stood(seen).settling.time_at_goal == pytest.approx(seconds)
 
 
 @pytest.mark.parametrize('last', [Twist(0.0, 0.1), Twist(0.03, 0.0)])
@@ -146,10 +144,15 @@ def test_a_robot_whose_commands_do_not_move_its_base_rests() -> None:
     assert not stood([2.9e-4 * frame for frame in range(8)], slowly).settling.rested  # they do
 
 
+def at_goal(turned: float = 0.0) -> Measurement:
+    """Return what a memory of views knows at the goal, ``turned`` to the left [rad]."""
+    where = {'offset': (0.0, 0.0), 'heading_error': turned, 'difference': 0.0, 'parallax': 0.0}
+    known = {'offset_deviation': 1e-4, 'heading_deviation': 1e-4, 'difference_deviation': 1e-6}
+    return sight(**where, **known, difference_slope=0.1)
+
+
 def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:
-    here = sight(offset=(0.0, 0.0), offset_deviation=1e-4, heading_error=0.0, parallax=0.0)
-    here = replace(here, heading_deviation=1e-4, difference=0.0, difference_slope=0.1)
-    here = replace(here, difference_deviation=1e-6)
+    here = at_goal()
     swung = replace(here, offset=(0.0, 0.02), difference=2e-3)
     frames = {'settled': BANDED.arrival_frames, 'settled_parallax': 0.0}
     state = in_phase(Phase.MATCHING_FEATURES, measurement=swung, rest=here, **frames)
@@ -160,9 +163,7 @@ def test_a_mean_at_the_goal_is_no_miss_for_the_swing_of_one_image() -> None:
 @pytest.mark.parametrize(('turned', 'event'), [(0.05, Event.TURNED), (1e-3, Event.MATCHED)])
 def test_one_motion_ends_with_a_turn_in_place_where_it_does_not_face(turned, event) -> None:
     smooth = ServoSettings(law='smooth', dead_band_linear=0.03, dead_band_angular=0.05)
-    here = sight(offset=(0.0, 0.0), offset_deviation=1e-4, heading_error=turned, parallax=0.0)
-    here = replace(here, heading_deviation=1e-4, difference=0.0, difference_slope=0.1)
-    here = replace(here, difference_deviation=1e-6)
+    here = at_goal(turned)
     frames = {'settled': smooth.arrival_frames, 'settled_parallax': 0.0}
     state = in_phase(APPROACHING.phase, measurement=here, rest=here, **frames)
     assert is_settled(state, smooth)
