@@ -109,7 +109,7 @@ BAG_LINE = (
 @pytest.mark.parametrize(
     ('package', 'arguments', 'line'),
     [
-        ('rclpy', DEMO, ROS_LINE.format('import of rclpy halted; None in sys.modules')),
+        ('rclpy', DEMO, ROS_LINE.format("No module named 'rclpy'")),
         (
             'matplotlib',
             ('reproduce', 'sim1', '--out', 'out'),

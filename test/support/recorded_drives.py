@@ -215,7 +215,11 @@ TAKEN: dict[str, tuple[Change, float, str]] = {
         LENGTH,
         '',
     ),
-    'images out of order': (swapped, LENGTH, '22 images are left out, not newer than the one be'),
+    'images out of order': (
+        swapped,
+        LENGTH,
+        '22 images are left out, not newer than the one before',
+    ),
     'each image twice': (
         shown(lambda k: k // 2 * 2),
         LENGTH,
