@@ -131,16 +131,6 @@ def test_an_end_from_outside_stops_the_servo_and_is_final(begin) -> None:
     assert len(request.orders) == before + 1
 
 
-def test_a_servo_that_starts_after_the_end_is_stopped_again() -> None:
-    ended, docked = starting(), running().hears(Phase.ARRIVED)
-    ended.end(Error.UNKNOWN, 'the node ends')
-    for request in (ended, docked):
-        request.answered('start', 'refused', 2.0)
-        request.answered('start', '', 2.0)
-    assert ended.orders == ['stop', 'start', 'stop', 'stop']
-    assert docked.orders == ['stop', 'start']
-
-
 def test_a_servo_that_stops_by_another_order_or_lapses_ends_it() -> None:
     assert running().hears(Phase.WAITING).outcome is None  # it has not been armed yet
     request = running().hears(Phase.DISPLACING, Phase.WAITING)

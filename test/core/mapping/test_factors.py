@@ -8,9 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
-from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.refinement import (
-    Evaluation,
     Geometry,
     LEAST_INFORMATION,
     OUTLIER,
@@ -21,28 +19,6 @@ from visual_servo_epipolar.core.mapping.refinement import (
 )
 from visual_servo_epipolar.core.mapping.window import MapSettings, Unknowns
 from visual_servo_epipolar.core.twoview.estimator import Attitude
-
-
-def scaled(geometry: Geometry, ratio: float) -> Geometry:
-    """Return the geometry of the same images, had another way been told."""
-    window = replace(geometry.window, driven_places=ratio * geometry.window.driven_places)
-    factors = factors_of(geometry.evaluation.factors.mount, window, MapSettings())
-    start = Evaluation(window, geometry.unknowns, geometry.trusted, factors)
-    return refine(start, 15)
-
-
-def test_another_way_makes_the_same_geometry_larger_and_nothing_else(memory: KeyframeMap) -> None:
-    before = refine(memory.geometry.evaluation, 10)
-    after = scaled(before, 1.2)
-    assert after.unknowns.views[:, :2] == pytest.approx(
-        1.2 * before.unknowns.views[:, :2], rel=1e-3, abs=2e-4
-    )
-    trusted = before.trusted
-    assert after.unknowns.inverse_depth[trusted] == pytest.approx(
-        before.unknowns.inverse_depth[trusted] / 1.2, rel=2e-3
-    )
-    assert after.unknowns.views[:, 2:] == pytest.approx(before.unknowns.views[:, 2:], abs=2e-5)
-    assert after.evaluation.cost == pytest.approx(before.evaluation.cost, abs=0.1)
 
 
 def test_a_wrong_way_costs_nothing_that_images_could_contradict(exact) -> None:

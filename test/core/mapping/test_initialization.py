@@ -73,15 +73,6 @@ def test_of_a_geometry_and_its_reverse_the_one_with_features_ahead_is_taken(exac
         assert (geometry.unknowns.inverse_depth > 0.0).all()
 
 
-def test_a_map_begins_without_a_known_way(exact) -> None:
-    window = replace(exact.window, driven_places=np.full((14, 2), np.nan))
-    start = start_at(exact.unknowns.views[0], 0)
-    geometry = initial_geometry(window, [start], Attitude(), MapSettings())
-    assert geometry is not None
-    ratio = geometry.unknowns.views[:, 1] / exact.unknowns.views[:, 1]
-    assert ratio == pytest.approx(ratio[0], rel=0.01)
-
-
 def test_a_geometry_is_unsound_by_noise_by_few_features_or_by_a_view_that_nothing_holds(
     exact,
 ) -> None:
@@ -154,13 +145,6 @@ def test_before_a_wall_false_bearings_begin_no_false_geometry(seed: int) -> None
     geometry = initial_geometry(window, starts, drive.mount, MapSettings())
     if geometry is not None:
         assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:4, :3], abs=0.1)
-
-
-def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) -> None:
-    starts = [start_at(exact.unknowns.views[1], 1, off) for off in (0.0, 0.05)]
-    assert initial_geometry(exact.window, starts, Attitude(), MapSettings()) is not None
-    monkeypatch.setattr(initialization, 'is_rival', lambda best, other, margin: True)
-    assert initial_geometry(exact.window, starts, Attitude(), MapSettings()) is None
 
 
 @pytest.mark.parametrize(('times', 'margin'), [(1, LIKELY), (2, CONTRADICTING)])

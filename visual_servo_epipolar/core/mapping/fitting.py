@@ -139,31 +139,6 @@ def errors_of(geometry: Geometry, rows: IntArray) -> FeatureErrors:
     )
 
 
-class _Linearised(NamedTuple):
-    """A view at some pose: residuals, (2, n), squared in deviations, (n,), slopes, (5, 2, n)."""
-
-    residuals: FloatArray
-    squares: FloatArray
-    slopes: FloatArray
-    weighted: FloatArray  # slopes times the information of residuals
-
-    def equations(self, weight: FloatArray, prior: FloatArray) -> Equations:
-        """Return the equations of the view by a ``weight``, (n,), and a ``prior``, (5,)."""
-        rows = (self.weighted * weight).reshape(VIEW, -1)
-        matrix = rows @ self.slopes.reshape(VIEW, -1).T + np.diag(prior)
-        return Equations(matrix, rows @ self.residuals.ravel())
-
-
-def _linearised(anchors: Anchors, seen: MatchedFeatures, pose: FloatArray) -> _Linearised:
-    projection = project(anchors.structure, pose, seen.tangent_basis)
-    found = slopes(anchors.structure, pose, seen.tangent_basis, projection)
-    information = _information(found[BY_FEATURE], anchors.covariance)
-    residuals = projection.residuals
-    squares = np.add.reduce(_times(information, residuals) * residuals, axis=0)
-    squares = np.where(is_ahead(projection, seen.rays), squares, OPPOSITE)
-    return _Linearised(residuals, squares, found[BY_VIEW], _times(information, found[BY_VIEW]))
-
-
 class _Step(NamedTuple):
     """Squared residuals, (n,), at some pose, their widening, and equations of the next."""
 
@@ -175,16 +150,30 @@ class _Step(NamedTuple):
         return self.equations.change()
 
 
+def _linearised(
+    anchors: Anchors, seen: MatchedFeatures, pose: FloatArray, weight: FloatArray | None = None
+) -> _Step:
+    """Return the equations of a view at a ``pose``, by a ``weight``, (n,), or by its residuals."""
+    projection = project(anchors.structure, pose, seen.tangent_basis)
+    found = slopes(anchors.structure, pose, seen.tangent_basis, projection)
+    information = _information(found[BY_FEATURE], anchors.covariance)
+    squares = _times(information, projection.residuals) * projection.residuals
+    squares = np.where(is_ahead(projection, seen.rays), np.add.reduce(squares, axis=0), OPPOSITE)
+    widening = max(1.0, median(squares) / USUAL_SQUARES)
+    weight = robust_weight(squares / widening) if weight is None else weight
+    rows = (_times(information, found[BY_VIEW]) * weight).reshape(VIEW, -1)
+    known, prior = anchors.known
+    matrix = rows @ found[BY_VIEW].reshape(VIEW, -1).T + np.diag(prior)
+    pull = rows @ projection.residuals.ravel()
+    pull[TILT:] += known * (pose[TILT:] - anchors.attitude)
+    return _Step(Equations(matrix, pull), squares, widening)
+
+
 def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> PoseFit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
-    known, prior = anchors.known
 
     def linearise(pose: FloatArray, number: int) -> _Step:
-        at = _linearised(anchors, seen, pose)
-        widening = max(1.0, median(at.squares) / USUAL_SQUARES)
-        equations = at.equations(robust_weight(at.squares / widening), prior)
-        equations.pull[TILT:] += known * (pose[TILT:] - anchors.attitude)
-        return _Step(equations, at.squares, widening)
+        return _linearised(anchors, seen, pose)
 
     def moved(pose: FloatArray, step: _Step, change: FloatArray) -> tuple[FloatArray, bool]:
         way = float(change @ step.equations.pull)
@@ -236,7 +225,7 @@ def nearest_view(anchors: Anchors, seen: MatchedFeatures, views: FloatArray) -> 
 def pose_covariance(anchors: Anchors, seen: MatchedFeatures, fit: PoseFit) -> FloatArray:
     """Return the covariance of a fitted pose, (5, 5), by features as if independent."""
     weight = robust_weight(fit.squares / fit.widening) / fit.widening
-    equations = _linearised(anchors, seen, fit.pose).equations(weight, anchors.known[1])
+    equations = _linearised(anchors, seen, fit.pose, weight).equations
     return np.asarray(np.linalg.inv(equations.information))
 
 
