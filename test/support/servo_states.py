@@ -115,7 +115,7 @@ def goal(seen: Measurement, state: ServoState = START) -> GoalEstimate:
         seen,
         None,
         known.extrinsics or SETTINGS.extrinsics,
-        known.base,
+        response=known.delay.response,
         place=state.map.place,
         motion=state.motion,
         period=state.view.period,

@@ -99,7 +99,7 @@ def _see(
             fusion.measurement,
             fusion.reading,
             mounted,
-            identified.base,
+            response=identified.delay.response,
             place=fusion.map.place,
             motion=motion,
             period=period,
