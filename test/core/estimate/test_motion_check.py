@@ -1,11 +1,13 @@
 """The base moves as it was told, or the run is held."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import math
+from typing import Any
 
 import numpy as np
 import pytest
+from servo_states import sight
 
 from visual_servo_epipolar.core.estimate.base_model import (
     Curvature,
@@ -55,6 +57,26 @@ def view(time_s: float, turn: float, way: float, scene: np.ndarray, flip: float)
     )
 
 
+def checks(
+    seen: Callable[[float], Observation],
+    twist: Callable[[float], Twist] = lambda time_s: STILL,
+    *,
+    seconds: float = 4.0,
+    parallax_of_way: float = 0.03,
+    dead_band: Motion = nowhere,
+) -> Iterator[tuple[float, MotionCheck]]:
+    """Yield time [s] and check of each image; ``dead_band`` is what is known by then [rad/s]."""
+    check, sent = MotionCheck(), CommandsSent()
+    for frame in range(1, round(seconds / PERIOD_S)):
+        time_s = frame * PERIOD_S
+        here = seen(time_s)
+        settings = replace(SETTINGS, dead_band_angular=dead_band(time_s))
+        evidence = Evidence(here, NOISE, parallax_of_way)
+        check = check.updated(evidence, sent, settings, drives=True)
+        yield time_s, check
+        sent = sent.after(here.stamp_ns, twist(time_s))
+
+
 def troubles(
     twist: Callable[[float], Twist],
     turn: Motion,
@@ -62,27 +84,17 @@ def troubles(
     *,
     seconds: float = 8.0,
     flip: float = 1.0,
-    parallax_of_way: float = 0.03,
     scene: np.ndarray | None = None,
-    dead_band: Motion = nowhere,
+    **known: Any,
 ) -> list[tuple[float, str]]:
-    """
-    Return when something contradicted the commands [s], and in which words.
-
-    The ``dead_band`` is what is known by then [rad/s].
-    """
-    check, sent, found = MotionCheck(), CommandsSent(), []
+    """Return when something contradicted the commands [s], and in which words."""
     scene = points() if scene is None else scene
-    for frame in range(1, round(seconds / PERIOD_S)):
-        time_s = frame * PERIOD_S
-        seen = view(time_s, turn(time_s), way(time_s), scene, flip)
-        evidence = Evidence(seen, NOISE, parallax_of_way)
-        settings = replace(SETTINGS, dead_band_angular=dead_band(time_s))
-        check = check.updated(evidence, sent, settings, drives=True)
-        if check.trouble:
-            found.append((time_s, check.trouble))
-        sent = sent.after(seen.stamp_ns, twist(time_s))
-    return found
+
+    def seen(time_s: float) -> Observation:
+        return view(time_s, turn(time_s), way(time_s), scene, flip)
+
+    checked = checks(seen, twist, seconds=seconds, **known)
+    return [(time_s, check.trouble) for time_s, check in checked if check.trouble]
 
 
 def slips(
@@ -99,18 +111,15 @@ def slips(
 
     The joint says that it is at ``pan`` [rad].
     """
-    check, sent, scene, found = MotionCheck(), CommandsSent(), points(), []
-    rng = np.random.default_rng(5)
-    for frame in range(1, round(seconds / PERIOD_S)):
-        time_s = frame * PERIOD_S
+    rng, scene = np.random.default_rng(5), points()
+
+    def seen(time_s: float) -> Observation:
         wrong = noise * rng.standard_normal()
-        seen = view(time_s, turn(time_s) + encoder(time_s) + wrong, 0.0, scene, 1.0)
-        seen = replace(seen, head=HeadView(Joints(pan(time_s) + wrong), seen.edges, HEAD))
-        check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=True)
-        if check.trouble and check.is_final:
-            found.append(time_s)
-        sent = sent.after(seen.stamp_ns, twist)
-    return found
+        here = view(time_s, turn(time_s) + encoder(time_s) + wrong, 0.0, scene, 1.0)
+        return replace(here, head=HeadView(Joints(pan(time_s) + wrong), here.edges, HEAD))
+
+    checked = checks(seen, lambda time_s: twist, seconds=seconds)
+    return [time_s for time_s, check in checked if check.trouble and check.is_final]
 
 
 @pytest.mark.parametrize('size', [-0.2, -0.05, 0.04, 0.1])
@@ -127,17 +136,16 @@ def test_an_encoder_of_a_head_that_slips_ends_the_run(size: float, rate: float) 
 
 def test_features_that_leap_to_a_place_that_looks_alike_are_no_slip_of_the_encoder() -> None:
     """It ended the run: the photograph's poster came into view beside its replica."""
-    check, scene = MotionCheck(), points()
-    began = []
-    for frame in range(1, 30):
-        elsewhere = frame > 15
-        seen = view(frame * PERIOD_S, 0.6 * elsewhere, 0.4 * elsewhere, scene, 1.0)
-        seen = replace(seen, head=HeadView(Joints(0.0), seen.edges, HEAD))
-        evidence = Evidence(seen, NOISE, 0.03)
-        check = check.updated(evidence, CommandsSent(), SETTINGS, drives=True)
-        assert not check.trouble
-        began.append(check.head.previous is None)
-    assert [frame for frame, anew in enumerate(began, 1) if anew] == [16]
+
+    def seen(time_s: float) -> Observation:
+        elsewhere = time_s > 1.55
+        here = view(time_s, 0.6 * elsewhere, 0.4 * elsewhere, points(), 1.0)
+        return replace(here, head=HeadView(Joints(0.0), here.edges, HEAD))
+
+    checked = list(checks(seen, seconds=3.0))
+    assert not any(check.trouble for _, check in checked)
+    anew = [round(time_s, 1) for time_s, check in checked if check.head.previous is None]
+    assert anew == [1.6]
 
 
 def test_an_encoder_that_slips_little_by_little_ends_the_run() -> None:
@@ -292,25 +300,23 @@ def test_an_image_that_turns_against_the_command_is_found_out_after_some_degrees
 
 
 def test_moving_people_and_wrong_matches_move_no_robot() -> None:
-    check, sent = MotionCheck(), CommandsSent()
     rng, scene = np.random.default_rng(1), points()
-    for frame in range(1, 40):
+
+    def seen(time_s: float) -> Observation:
         passing = scene + (rng.random((60, 1)) < 0.2) * rng.uniform(-1.0, 1.0, (60, 3))
-        seen = view(frame * PERIOD_S, 0.0, 0.0, passing, 1.0)
-        check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=False)
-        assert not check.trouble
-        sent = sent.after(seen.stamp_ns, STILL)
+        return view(time_s, 0.0, 0.0, passing, 1.0)
+
+    assert not any(check.trouble for _, check in checks(seen))
 
 
 def test_a_view_that_has_few_features_in_common_with_the_reference_tells_nothing() -> None:
-    sent = CommandsSent()
-    first, other = view(0.1, 0.0, 0.0, points(), 1.0), view(0.2, 0.5, 0.0, points(), 1.0)
-    other = replace(other, ids=other.ids + 45)
-    check = MotionCheck().updated(Evidence(first, NOISE, 0.0), sent, SETTINGS, drives=True)
-    for _ in range(2):
-        check = check.updated(Evidence(other, NOISE, 0.0), sent, SETTINGS, drives=True)
-        assert not check.trouble
-    assert check.reference is not None and check.reference.stamp_ns == other.stamp_ns
+    def seen(time_s: float) -> Observation:
+        here = view(time_s, 0.5 * (time_s > 0.15), 0.0, points(), 1.0)
+        return replace(here, ids=here.ids + 45 * (time_s > 0.15))
+
+    checked = [check for _, check in checks(seen, seconds=0.4)]
+    assert not any(check.trouble for check in checked)
+    assert checked[-1].reference.stamp_ns == 200_000_000
 
 
 def test_the_run_goes_on_when_it_is_quiet_and_ends_at_the_third_time() -> None:
@@ -322,8 +328,6 @@ def test_the_run_goes_on_when_it_is_quiet_and_ends_at_the_third_time() -> None:
 
 
 def test_no_wheels_are_as_unequal_as_a_stranger_makes_them_look() -> None:
-    from servo_states import sight
-
     curvature = Curvature()
     for frame in range(60):
         before, after = (

@@ -39,6 +39,7 @@ FIRST_VARIANCE = 0.05**2  # of the curvature: 3 deg/m [rad^2/m^2]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
 STEP_S = 0.05  # between two delays that may be [s]
 DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float64) * STEP_S
+INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
 LEAST_TURN = 2e-3  # that is seen in an interval [rad]
@@ -154,7 +155,7 @@ class Delay:
         by_memory = measurement.offset is not None
         goes_on = by_memory is self.by_memory and not math.isnan(self.heading)
         gap = seconds_between(self.since_ns, now_ns)
-        if goes_on and 0.0 < gap < 2.0 * STEP_S:
+        if goes_on and 0.0 < gap < INTERVAL:
             return self
         began = replace(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
         if not goes_on:
