@@ -202,7 +202,7 @@ def test_an_event_that_is_a_reason_by_its_name_has_words() -> None:
     status = diagnosis(state.changed(reason=Event.APART.value), 1, name='servo').status[0]
     assert status.message.endswith('; both epipoles can be trusted')
     with_own_reason = {Event.NOTHING, Event.LOST, Event.MISSED, Event.EXHAUSTED, Event.NO_GAIN}
-    with_own_reason |= {Event.DIVERGED, Event.EXCURSION, Event.TIMED_OUT, Event.STOPPED}
+    with_own_reason |= {Event.DIVERGED, Event.EXCURSION, Event.TIMED_OUT}
     with_own_reason |= {Event.DISOBEYED}
     assert with_own_reason == {event for event in EVENTS if not event.sentence}
 

@@ -2,7 +2,7 @@
 A law and its state machine: one row for each of its phases, and the events that lead between them.
 
 A row holds what a step asks of a phase, as functions of goal, memory and settings. Every
-machine stops, loses its tracks and fails in the same way, whatever phases a law brings.
+machine loses its tracks and fails in the same way, whatever phases a law brings.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -11,10 +11,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, TypeAlias
 
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
-from visual_servo_epipolar.core.estimate.settings import (
-    Departures,
-    DriveSettings,
-)
+from visual_servo_epipolar.core.estimate.settings import Departures, DriveSettings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
@@ -92,8 +89,6 @@ class StateMachine:
 
 def interruption(phase: Phase, event: Event) -> Phase | None:
     """Return the phase after an ``event`` that interrupts or ends any run; None for others."""
-    if event is Event.STOPPED:
-        return Phase.WAITING
     if event is Event.LOST and (phase.drives or phase is Phase.WAITING):
         return Phase.HOLDING
     return Phase.FAILED if event.fails and phase.runs else None

@@ -121,7 +121,6 @@ class Event:
     DISOBEYED: ClassVar['Event']
     EXCURSION: ClassVar['Event']
     TIMED_OUT: ClassVar['Event']
-    STOPPED: ClassVar['Event']
 
     def __post_init__(self) -> None:
         self.known[self.value] = self
@@ -155,4 +154,3 @@ Event.DIVERGED = Event('diverged', fails=True)  # an epipole ran away
 Event.DISOBEYED = Event('the base contradicts its commands', fails=True)
 Event.EXCURSION = Event('excursion', fails=True)  # farther from the goal than the phase may lead
 Event.TIMED_OUT = Event('timed out', fails=True)
-Event.STOPPED = Event('stopped')
