@@ -12,13 +12,7 @@ import pytest
 from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.estimate.settings import ControlSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import (
-    hint,
-    range_of,
-    setting,
-    Settings,
-    updated,
-)
+from visual_servo_epipolar.core.settings import hint, range_of, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 

@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.laws.on_arcs import (
-    Bounds,
-    GoalOffset,
-    misses,
-    moved,
-    way_back,
-)
+from visual_servo_epipolar.core.laws.on_arcs import Bounds, GoalOffset, misses, moved, way_back
 
 BOUNDS = Bounds(1.667, 0.6, 0.6)
 

@@ -30,12 +30,10 @@ from visual_servo_epipolar.core.laws.arrival import (
     PATIENCE_S,
     release_bound,
 )
-from visual_servo_epipolar.core.laws.conditions import (
-    excursion_limit,
-    is_sideways,
-)
+from visual_servo_epipolar.core.laws.conditions import excursion_limit, is_sideways
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.legs import Leg, Slope
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_close, is_settled
 from visual_servo_epipolar.core.servo.supervisor import (
     classify,
@@ -212,33 +210,26 @@ def test_step_1_is_given_up_later_than_it_is_not_begun(side: float) -> None:
         assert max(found) == (begun, goes_on)
 
 
-@pytest.mark.parametrize(('first', 'led'), [(0.40, False), (0.60, True)])
-def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -> None:
-    """Of 0.4 m, 0.72 m are 1.8 times as much, but 1.44 of half a metre; the bound is 1.5."""
-    ratio = 1.6 if led else 1.8
-    distance = first * ratio
-    psi = BEARINGS.psi
-    leg = Leg((distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
-    state = in_phase(Phase.ZEROING_EPIPOLES, leg=leg, extrinsics=ranged(distance))
-    settings = type(SETTINGS)(max_excursion=1.5)
-    assert bool(asked(excursion_limit, state, sight(), settings)) == led
-
-
 @pytest.mark.parametrize(
-    ('away', 'travel', 'led'),
+    ('first', 'away', 'travel', 'led'),
     [
-        (0.7, 0.7, True),
-        (0.7, -0.15, True),
-        (0.7, -0.4, False),
-        (1.4, -1.4, False),
-        (1.6, -1.6, True),  # a metre is left out at most
+        # It refers to half a metre at least: 0.72 m are 1.44 of that, and the bound is 1.5.
+        (0.4, 0.32, 0.0, False),
+        (0.6, 0.36, 0.0, True),
+        # What the leg leads backward is none, but a metre at most.
+        (1.0, 0.7, 0.7, True),
+        (1.0, 0.7, -0.15, True),
+        (1.0, 0.7, -0.4, False),
+        (1.0, 1.4, -1.4, False),
+        (1.0, 1.6, -1.6, True),
     ],
 )
-def test_what_the_leg_leads_backward_is_no_excursion(away, travel, led) -> None:
-    psi = BEARINGS.psi
-    leg = Leg(away * math.cos(psi), away * math.sin(psi), travel)
-    state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))
-    assert bool(asked(excursion_limit, state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
+def test_an_excursion_is_one_over_the_distance_at_which_the_leg_began(
+    first, away, travel, led
+) -> None:
+    leg = Leg(away * math.cos(BEARINGS.psi), away * math.sin(BEARINGS.psi), travel)
+    state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(first + away))
+    assert bool(asked(excursion_limit, state, sight(), ServoSettings(max_excursion=1.5))) == led
 
 
 @pytest.mark.parametrize('phase', DRIVING)

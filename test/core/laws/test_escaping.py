@@ -14,11 +14,7 @@ from visual_servo_epipolar.core.laws.arrival import hysteresis
 from visual_servo_epipolar.core.laws.conditions import offset_ratio
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import escape_bound, MOST_RESTARTS
-from visual_servo_epipolar.core.odometry.legs import (
-    LEAST_LOOK_AHEAD,
-    LEAST_REMEMBERED,
-    look_ahead,
-)
+from visual_servo_epipolar.core.odometry.legs import LEAST_LOOK_AHEAD, LEAST_REMEMBERED, look_ahead
 from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
 from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.regions import start_in

@@ -16,10 +16,7 @@ from visual_servo_epipolar.core.laws.conditions import (
 )
 from visual_servo_epipolar.core.laws.equations import follow_line
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.odometry.legs import (
-    LEAST_LOOK_AHEAD,
-    LEAST_REMEMBERED,
-)
+from visual_servo_epipolar.core.odometry.legs import LEAST_LOOK_AHEAD, LEAST_REMEMBERED
 from visual_servo_epipolar.core.servo.supervisor import classify
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 

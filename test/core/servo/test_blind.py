@@ -80,11 +80,6 @@ def test_what_is_driven_between_trusted_sight_and_the_stop_is_bounded(phase, ima
             assert state.twist.linear == 0.0
 
 
-def test_the_clock_of_the_images_stops_who_has_no_watchdog() -> None:
-    state = then(at_full_speed(Phase.ZEROING_EPIPOLES), at(1.01))
-    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
-
-
 def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
     holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 1)
     assert then(holding, replace(at(0.1), bearings=BEARINGS)).twist != STANDSTILL

@@ -32,10 +32,9 @@ RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
 LAST_LOOK_AHEAD = 0.03  # near the goal [m]
 LAST_TURN = 0.05  # that it may take [rad]
 MOST_TURNED = 0.35  # heading error to begin with [rad]
-LONGEST_WAY = 1.5  # in upper bounds of the distance
+MARGIN = 1.5  # of ways: over the bound of the distance, or what laws that back off may drive back
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 CORRECTION = 0.1  # backward, of a robot that never backs off [m]
-LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 
 
@@ -205,7 +204,7 @@ def excursion_limit(goal: GoalEstimate, memory: Memory, settings: DriveSettings)
     allows; of twice as long a one while less is left, by the memory of views, than half of it.
     """
     name, law = memory.phase.value, settings.options
-    backward, wider = goal.motion.reversed, 1.0 if law.retreat else LEADING_AWAY
+    backward, wider = goal.motion.reversed, 1.0 if law.retreat else MARGIN
     if settings.max_retreat == 0.0 and memory.phase.backs_off:
         return Reason.NO_RETREAT.of()
     if backward > wider * max(settings.max_retreat, CORRECTION):
@@ -215,7 +214,7 @@ def excursion_limit(goal: GoalEstimate, memory: Memory, settings: DriveSettings)
         return ''
     offset, travel = goal.offset, abs(memory.run.travel)
     nears = offset is not None and math.hypot(*offset) < 0.5 * travel
-    bounds = 2.0 * LONGEST_WAY if nears else LONGEST_WAY
+    bounds = 2.0 * MARGIN if nears else MARGIN
     longest = bounds * settings.initial_distance + backward
     if travel > longest:
         return Reason.LONG_WAY.of(longest, name)

@@ -21,11 +21,7 @@ from visual_servo_epipolar.core.laws.derived_gains import (
     with_gains_of_now,
 )
 from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
-from visual_servo_epipolar.core.laws.machine import (
-    Law,
-    PhaseRow,
-    StateMachine,
-)
+from visual_servo_epipolar.core.laws.machine import Law, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.memory import Memory, yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.prediction import felt_latency

@@ -33,12 +33,7 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive, Perception, with_difference
-from visual_servo_epipolar.core.twoview.rivals import (
-    ahead_of_both,
-    begun,
-    followed,
-    in_order,
-)
+from visual_servo_epipolar.core.twoview.rivals import ahead_of_both, begun, followed, in_order
 from visual_servo_epipolar.core.twoview.validation import noise_learnt
 
 SKIPPED = 3  # views between two that are estimated all the same: noise and attitude may change

@@ -18,10 +18,7 @@ from visual_servo_epipolar.core.estimate.goal_estimate import (
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.arrival import FACING
-from visual_servo_epipolar.core.laws.conditions import (
-    excursion_limit,
-    sees_too_little,
-)
+from visual_servo_epipolar.core.laws.conditions import excursion_limit, sees_too_little
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing, probe
