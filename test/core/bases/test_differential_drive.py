@@ -114,17 +114,8 @@ def test_jerk_stays_within_its_limit_and_the_speed_is_reached(wanted, jerk) -> N
 
 
 DT_CAR = 0.09
-LIMITS = BaseLimits(
-    max_linear=0.4,
-    max_angular=0.5,
-    max_acceleration=0.25,
-    max_angular_acceleration=1.2,
-    dead_band_linear=0.02,
-    dead_band_angular=0.05,
-    max_curvature=1.667,
-    wheelbase=0.33,
-    steering_rate=1.0,
-)
+SLOW = {'max_linear': 0.4, 'max_angular': 0.5, 'max_acceleration': 0.25}
+LIMITS = replace(BASE.limits, max_curvature=1.667, **SLOW)
 CAR = base_of('car', LIMITS)
 TWISTS = st.builds(Twist, SPEEDS, SPEEDS)
 

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.estimate.base_model import (
 )
 from visual_servo_epipolar.core.estimate.motion_check import (
     Evidence,
-    LASTING_S,
     MotionCheck,
 )
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
@@ -24,6 +23,7 @@ from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, HeadView, Joints
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.stamps import MOST_GAP_S
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 SETTINGS = ServoSettings()
@@ -321,8 +321,8 @@ def test_a_view_that_has_few_features_in_common_with_the_reference_tells_nothing
 
 def test_the_run_goes_on_when_it_is_quiet_and_ends_at_the_third_time() -> None:
     check = MotionCheck(troubled_ns=10**9, contradictions=1)
-    assert check.disturbed(10**9 + round(0.9e9 * LASTING_S))
-    assert not check.disturbed(10**9 + round(1.1e9 * LASTING_S))
+    assert check.disturbed(10**9 + round(0.9e9 * MOST_GAP_S))
+    assert not check.disturbed(10**9 + round(1.1e9 * MOST_GAP_S))
     assert not check.is_final
     assert MotionCheck(contradictions=MOST_CONTRADICTIONS).is_final
 

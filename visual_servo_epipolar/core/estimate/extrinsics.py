@@ -33,7 +33,7 @@ IDENTITY = np.eye(5)
 FIRST_DISTANCE = 3.0  # [m], of an unknown scale: one to eight metres
 LENS = 0.02  # of a turn of a radian, that two views may show wrong: the lens is not known to them
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
-SLIP = 0.05  # of a travel: what dead reckoning is wrong by
+DIRECTION = 0.05  # of a travel, that it leads elsewhere, or farther: least deviation [rad]
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
 LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad]
 REMEMBERED = 0.1  # least deviation of the logarithm of a distance by a memory of views
@@ -47,9 +47,7 @@ LEAST = (math.radians(2.0), 0.1, math.inf)
 LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]; and the least distance [m]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
-# Deviations from the configured mount beyond which it is not the mount that was learnt, and the
-# least deviation of a yaw that walks [rad].
-PLAUSIBLE, WALKED = 5.0, 0.05
+PLAUSIBLE = 5.0  # deviations from the configured mount, beyond which another thing was learnt
 FAULT = 5  # what one bearing that contradicts the path counts, which begins it anew
 LEG_M = 0.25  # over which a direction is measured
 OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
@@ -183,7 +181,7 @@ def moved(before: Extrinsics, heading: float, *, at: FloatArray | None = None) -
     at = before.mean if at is None else at
     path = predict_path(at, (before.heading, heading), before.travel)
     covariance = path.transition @ before.covariance @ path.transition.T
-    slipped = (SLIP * before.travel) ** 2 / path.square
+    slipped = (DIRECTION * before.travel) ** 2 / path.square
     covariance[PSI, PSI] += slipped
     covariance[RHO, RHO] += slipped
     covariance[YAW, YAW] += YAW_WALK * YAW_WALK * abs(before.travel)
@@ -334,7 +332,7 @@ def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
 def is_plausible(belief: Extrinsics) -> bool:
     """Return whether the mount may be what was learnt, and not a path that led nowhere."""
     changes = np.abs(belief.mean[YAW:] - belief.configured)
-    deviations = np.maximum(belief.deviations, [WALKED, 0.0, 0.0])
+    deviations = np.maximum(belief.deviations, [DIRECTION, 0.0, 0.0])
     return bool((changes <= PLAUSIBLE * deviations).all())
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, FloatArray, IntArray, ROUNDING
+from visual_servo_epipolar.core.estimate.extrinsics import DIRECTION
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
@@ -34,9 +35,8 @@ from visual_servo_epipolar.core.twoview.perceive import of_few, Perception, with
 # to the side, as a camera may look elsewhere than where the base drives.
 PLACE = HEADING + 1
 SLIP, UNKNOWNS = PLACE, PLACE + 1
-FIRST_SLIP, SLIP_WALK = 0.05, 0.02  # its deviation at first, and its change after a metre
+SLIP_WALK = 0.02  # change of that share after a metre
 TURN_OF_WAY, ASIDE = 0.1, 0.003  # turn that a way may add [rad/m], and what it leads aside by
-LEAST = ROUNDING**2 * np.eye(PLACE)
 IDENTITY = np.eye(UNKNOWNS)
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 # Of views that show too little for two: what must agree with one place, which is where they drove.
@@ -89,7 +89,7 @@ class FilteredPose:
 
 def first_pose(mean: FloatArray, own: FloatArray, decayed_motion: Motion) -> FilteredPose:
     """Return the place of one view alone, ``mean``, (3,), of covariance ``own``, (3, 3)."""
-    covariance = np.diag([0.0] * PLACE + [FIRST_SLIP**2])
+    covariance = np.diag([0.0] * PLACE + [DIRECTION**2])
     covariance[:PLACE, :PLACE] = own
     return FilteredPose(np.append(mean, 0.0), covariance, decayed_motion)
 
@@ -98,7 +98,10 @@ def filter_pose(
     said: MapLocalization, place: FilteredPose | None, motion: Motion
 ) -> tuple[MapLocalization, FilteredPose]:
     """Return a recollection averaged with those before it, and the place for the next."""
-    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
+    mean, own = (
+        said.pose[:PLACE] - said.shift[:PLACE],
+        said.own[:PLACE, :PLACE] + ROUNDING**2 * np.eye(PLACE),
+    )
     if place is None:
         return said, first_pose(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)

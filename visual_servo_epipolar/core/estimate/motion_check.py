@@ -57,7 +57,6 @@ NOISES = 8.0  # of an encoder, of that turn
 # Turns over those commanded: of any base, and of one of which more is noise of the encoder.
 ANY_RATIO, USUAL_RATIO = (0.0, MOST_TURN_RATIO), (0.5, 1.2)
 NOISE, SMOOTHING = 0.004, 0.05  # of an unknown encoder [rad], weight of the newest
-LASTING_S = 1.0  # of a reference, if anything moved since, and of quiet before a run may go on
 
 
 class Evidence(NamedTuple):
@@ -355,7 +354,7 @@ class MotionCheck:
         """Return whether something contradicts the commands, or did just now."""
         if self.troubled_ns is None:
             return False
-        return 0.0 <= seconds_between(self.troubled_ns, now_ns) < LASTING_S
+        return 0.0 <= seconds_between(self.troubled_ns, now_ns) < MOST_GAP_S
 
     def troubled_since(self, stamp_ns: int) -> bool:
         """Return whether something contradicted the commands since ``stamp_ns``."""
@@ -400,7 +399,7 @@ class MotionCheck:
             shown = evidence.parallax_of_way
             found = found or asked.unfollowed(seen, now_ns, shown, settings)
         trouble = found if self.suspected else ''
-        over = window.seconds >= LASTING_S and not seen.stands and not found
+        over = window.seconds >= MOST_GAP_S and not seen.stands and not found
         return MotionCheck(
             here if over or trouble else reference,
             trouble,
