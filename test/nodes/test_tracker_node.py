@@ -23,7 +23,7 @@ def patient(monkeypatch) -> None:
 
 @pytest.fixture
 def attentive(monkeypatch) -> None:
-    monkeypatch.setattr(tracker_reports, 'LOOK_PERIOD_S', 0.02)
+    monkeypatch.setattr(tracker_reports, 'IDLE_PERIOD_S', 0.02)
     monkeypatch.setattr(tracker_reports, 'SILENT_S', 0.2)
     monkeypatch.setattr(tracker_reports, 'SIMULATED_SILENT_S', 0.2)
 

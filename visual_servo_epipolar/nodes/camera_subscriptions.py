@@ -11,7 +11,7 @@ from visual_servo_epipolar.messages.validation import of_two_cameras
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.steady import STEADY
 
-LOOK_PERIOD_S = 0.5
+LOOK_PERIOD_S = 0.5  # at who publishes, or listens
 TRANSPORTS: dict[str, tuple[Any, str]] = {
     'raw': (Image, ''),
     'compressed': (CompressedImage, '/compressed'),

@@ -160,14 +160,14 @@ class Commands:
         self._command_pub.wait_for_all_acked(qos.ACKNOWLEDGEMENT)
 
 
-TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
+TOPIC = 'cmd_vel'
 
 
 def conflict(node: Node) -> str:
     """Return that other servos publish on the cmd_vel of ``node``, and what to do; or ''."""
     own = Counter([node.get_fully_qualified_name()])
-    topics = dict(node.get_topic_names_and_types())
-    names = [it for it in publishers(node) - own if MARKERS in topics.get(f'{it}/markers', [])]
+    topics, markers = dict(node.get_topic_names_and_types()), 'visualization_msgs/msg/MarkerArray'
+    names = [it for it in publishers(node) - own if markers in topics.get(f'{it}/markers', [])]
     if not names:
         return ''
     return (

@@ -9,7 +9,8 @@ from weakref import WeakSet
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn as Outcome
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -21,11 +22,6 @@ from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
 
 Callback = Callable[..., Any]
 CallbackT = TypeVar('CallbackT', bound=Callback)
-SUCCESS, FAILURE, ERROR = (
-    TransitionCallbackReturn.SUCCESS,
-    TransitionCallbackReturn.FAILURE,
-    TransitionCallbackReturn.ERROR,
-)
 REFUSALS = (VisualServoError, ValueError, OSError)  # what configure and activate may raise
 REMEDIES = {
     'unconfigured': 'call ros2 lifecycle set {name} configure, then activate',
@@ -33,7 +29,6 @@ REMEDIES = {
     'finalized': 'start it anew',
 }
 CLOCK = '/clock'
-BEFORE_TIME = '/clock is below 0, it is left out; mend what publishes it'
 
 
 class ParameterNode(Node):
@@ -110,7 +105,10 @@ def _refusing_negative_times(node: Node, plain: Callback) -> Callback:
         if message.clock.sec >= 0:
             plain(message)
         else:
-            node.get_logger().error(BEFORE_TIME, throttle_duration_sec=30.0)
+            node.get_logger().error(
+                '/clock is below 0, it is left out; mend what publishes it',
+                throttle_duration_sec=30.0,
+            )
 
     return tell
 
@@ -173,7 +171,7 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
             return
         self.__is_starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
-            if trigger() != SUCCESS:
+            if trigger() != Outcome.SUCCESS:
                 refusal = self.__refusal or RuntimeError('no reason is known')
                 self.destroy_node()  # or its name stays taken
                 raise refusal
@@ -201,50 +199,50 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
         """Whether there is what ``configure`` creates."""
         return self.__is_configured
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_configure(self, state: LifecycleState) -> Outcome:
         """Configure; on failure nothing is left of it."""
         self.__kept.update(entity for entity, _ in self.__entities())
         self.__state, self.__is_configured = 'configuring', True
         outcome = self.__outcome_of(self.configure)
-        if outcome != SUCCESS:
+        if outcome != Outcome.SUCCESS:
             self.__release()
         return self.__end_in('inactive', outcome, state)
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_activate(self, state: LifecycleState) -> Outcome:
         """Activate, publishers first; those of a node that failed to are silent again."""
         self.__state = 'activating'
         super().on_activate(state)
         outcome = self.__outcome_of(self.activate)
-        if outcome != SUCCESS:
+        if outcome != Outcome.SUCCESS:
             super().on_deactivate(state)
         return self.__end_in('active', outcome, state)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_deactivate(self, state: LifecycleState) -> Outcome:
         """Deactivate, publishers last; a node that failed to must not stay active."""
         self.__state = 'deactivating'
-        outcome = self.__outcome_of(self.deactivate)
+        outcome = self.__outcome_of(self.deactivate, refused=Outcome.ERROR)
         super().on_deactivate(state)
-        return self.__end_in('inactive', SUCCESS if outcome == SUCCESS else ERROR, state)
+        return self.__end_in('inactive', outcome, state)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_cleanup(self, state: LifecycleState) -> Outcome:
         """Clean up, and destroy what was created since; half of that is an error."""
         self.__state = 'cleaningup'
-        outcome = self.__outcome_of(self.cleanup)
+        outcome = self.__outcome_of(self.cleanup, refused=Outcome.ERROR)
         self.__release()
-        return self.__end_in('unconfigured', SUCCESS if outcome == SUCCESS else ERROR, state)
+        return self.__end_in('unconfigured', outcome, state)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_shutdown(self, state: LifecycleState) -> Outcome:
         """Go through what is left of the life; nothing may keep a node from its end."""
         if state.label == 'active':
             self.on_deactivate(state)
         self.on_cleanup(state)
-        return self.__end_in('finalized', SUCCESS, state)
+        return self.__end_in('finalized', Outcome.SUCCESS, state)
 
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_error(self, state: LifecycleState) -> Outcome:
         """Fall back to unconfigured, from where the node can be had again."""
         super().on_deactivate(state)
         self.on_cleanup(state)
-        return self.__end_in('unconfigured', SUCCESS, state)
+        return self.__end_in('unconfigured', Outcome.SUCCESS, state)
 
     def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
         """Create a publisher; once the node is made one that is silent while it is inactive."""
@@ -312,14 +310,15 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
                 destroy(entity)
         self.__is_configured = False
 
-    def __end_in(
-        self, label: str, outcome: TransitionCallbackReturn, before: LifecycleState
-    ) -> TransitionCallbackReturn:
+    def __end_in(self, label: str, outcome: Outcome, before: LifecycleState) -> Outcome:
         """Take the state that rclpy takes after this ``outcome``, and return it."""
-        self.__state = {SUCCESS: label, FAILURE: before.label}.get(outcome, 'errorprocessing')
+        states = {Outcome.SUCCESS: label, Outcome.FAILURE: before.label}
+        self.__state = states.get(outcome, 'errorprocessing')
         return outcome
 
-    def __outcome_of(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
+    def __outcome_of(
+        self, hook: Callable[[], None], *, refused: Outcome = Outcome.FAILURE
+    ) -> Outcome:
         """Return the outcome of a part of a transition; rclpy would not say why it failed."""
         try:
             hook()
@@ -329,8 +328,8 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
             if not self.__is_starting:  # or the constructor raises it
                 text = str(error) if expected else traceback.format_exc()
                 self.get_logger().error(f'{hook.__name__} failed: {text}')
-            return FAILURE if expected else ERROR
-        return SUCCESS
+            return refused if expected else Outcome.ERROR
+        return Outcome.SUCCESS
 
     def __refusing_the_impossible(self, change: Callback) -> Callback:
         """Return a service that refuses what the state does not allow (rclpy#1209)."""

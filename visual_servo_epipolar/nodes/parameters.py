@@ -47,17 +47,12 @@ def declare(node: ParameterNode, kind: type[SettingsT]) -> SettingsT:
     for item in fields(kind):
         if item.name in skipped or (item.name not in known and item.name not in given):
             continue
-        default = _plain(item.default)
+        default = list(item.default) if isinstance(item.default, tuple) else item.default
         value = node.declare_parameter(item.name, default, _descriptor(item)).value
         if isinstance(item.default, tuple):
             value = tuple(value or ())  # an empty list in YAML leaves the parameter unset
         values[item.name] = value
     return kind(**values)
-
-
-def _plain(default: Any) -> Any:
-    """Return a default in the form of a ROS parameter."""
-    return list(default) if isinstance(default, tuple) else default
 
 
 def _without_effect(node: ParameterNode, kind: type[Settings], known: set[str]) -> set[str]:
@@ -67,10 +62,10 @@ def _without_effect(node: ParameterNode, kind: type[Settings], known: set[str]) 
     Raises ValueError for those that no node has.
     """
     asked = {
-        item.name: node.given[item.name].value
+        item.name: value
         for item in fields(kind)
         if item.name in node.given.keys() - node.by_program - known
-        and node.given[item.name].value != _plain(item.default)
+        and (value := _value(node.given[item.name])) != item.default
     }
     shared = {name for name in asked if name in table.parameter_names(table.owner_of(name))}
     gone = {name: value for name, value in asked.items() if name not in shared}

@@ -24,7 +24,6 @@ from visual_servo_epipolar.messages import camera_file, encodings
 from visual_servo_epipolar.messages.camera_file import text, whole_number
 
 PICTURES = frozenset({'.png', '.jpg', '.jpeg', '.tif', '.tiff', '.webp', '.bmp', '.pgm'})
-HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +144,8 @@ def keep(path: Path, photograph: Photograph) -> None:
         **camera_file.to_document(photograph.camera),
     }
     encoded = [cv2.imencode('.png', image)[1].tobytes() for image in images]
-    text = HEAD + yaml.safe_dump(document, sort_keys=False)
+    head = '# The photograph of a tracker_node, and the camera it was taken with.\n'
+    text = head + yaml.safe_dump(document, sort_keys=False)
     for file, content in zip((*pictures, path), (*encoded, text.encode()), strict=True):
         with whole(file) as partial:
             partial.write_bytes(content)

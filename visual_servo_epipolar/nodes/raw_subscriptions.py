@@ -29,7 +29,6 @@ from visual_servo_epipolar.nodes.startup.run import hand_out
 # Messages that may wait in DDS while this process does something else: 3 s of images at 30 Hz,
 # 5 s of small ones at 200 Hz.
 IMAGE_DEPTH, DEPTH = 100, 1000
-IMAGES = 'sensor_msgs/msg/Image'
 MESSAGE_TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 
 
@@ -189,7 +188,7 @@ def compatible_qos(topic: Topic) -> QoSProfile:
     latched = all(item['durability'] == 'transient_local' for item in topic.qos)
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=IMAGE_DEPTH if topic.kind == IMAGES else DEPTH,
+        depth=IMAGE_DEPTH if topic.kind == 'sensor_msgs/msg/Image' else DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

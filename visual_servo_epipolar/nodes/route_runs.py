@@ -297,14 +297,13 @@ class RouteRepetition:
         if self.run is not None and not self.run.ended:
             self._end(self.run.fail(reason))
 
-    def stop(self, reason: str) -> bool:
-        """End what goes on, and tell the base to stand; return whether a run was under way."""
-        was_active, self.run = self.is_active, None
+    def stop(self, reason: str) -> None:
+        """End what goes on, and tell the base to stand."""
+        self.run = None
         self._commands.send(HALT, self._clock.now().nanoseconds)
         self._commands.stopped()
         self.last = RouteStep(STANDSTILL, Phase.WAITING.value, reason)
         self._reports.standing(self.last)
-        return was_active
 
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""

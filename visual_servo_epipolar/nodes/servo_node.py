@@ -125,9 +125,7 @@ class ServoNode(ManagedNode):
         if self.is_configured:
             self._commands.wait()
 
-    def suspend(self) -> None:
-        """Stop the robot, before the process sleeps."""
-        self.stop()
+    suspend = stop  # also before the process sleeps
 
     def _on_withdrawn(self, reason: str) -> None:
         """Hold a robot that drives, as soon as it is not enabled any more."""

@@ -30,7 +30,6 @@ from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracker_reports import TrackerReports
 
 PATIENCE_S = 5.0  # with which another publisher of camera_info is waited for
-NO_CAMERA = 'no usable camera_info yet; an image waits for it, the robot stands'
 
 
 class TrackerNode(ManagedNode):
@@ -196,7 +195,7 @@ class TrackerNode(ManagedNode):
         by_info = self._node_settings.projection == CAMERA_INFO
         if by_info and self._camera is None and not self._unusable:
             self._pending_image = message
-            self._warn(NO_CAMERA)
+            self._warn('no usable camera_info yet; an image waits for it, the robot stands')
             self._reports.miss('images wait for a usable camera_info')
             return
         self._inputs.compare_frames(message.header.frame_id)

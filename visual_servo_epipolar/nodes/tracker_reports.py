@@ -11,9 +11,10 @@ from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.reports import ReplayReports
 from visual_servo_epipolar.nodes.steady import SILENT_S, STEADY, Stopwatch
+from visual_servo_epipolar.nodes.watching import IDLE_PERIOD_S
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-LOOK_PERIOD_S, REPEAT_S = 1.0, 30.0
+REPEAT_S = 30.0
 # Time without an image until that is logged, and where time is simulated, published: it may wait.
 SIMULATED_SILENT_S = 5.0
 
@@ -25,7 +26,7 @@ class TrackerReports(ReplayReports):
         super().__init__(node)
         self._complained, self._photograph = False, ''  # of the last tracks
         self.expect_images()
-        node.create_timer(LOOK_PERIOD_S, self._look, clock=STEADY)
+        node.create_timer(IDLE_PERIOD_S, self._look, clock=STEADY)
         self._overlay_pub = self._publisher(Image, 'overlay/image_raw', qos.STREAM)
         self._desired_pub = self._publisher(Image, '~/desired/image_raw', qos.LATCHED)
 

@@ -52,8 +52,6 @@ ADVICE = {
     '.zstd': 'unpack it with "zstd -d {name}", or give its folder',
     '.bag': 'convert a bag of ROS 1 with "rosbags-convert --src {name} --dst NEW"',
 }
-OTHER_ADVICE = 'if it is damaged, or was left open by a crash, try --repair'
-UNREADABLE = 'left out, for their messages or the definitions of their types are not of ROS: '
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +92,8 @@ class Bag(AbstractContextManager['Bag']):
             self._stack = stack.pop_all()
         stored = [item for reader in self._readers for item in reader.connections]
         left_out = sorted({item.topic for item in stored if not _is_readable(item)})
-        self.notes = [UNREADABLE + ', '.join(left_out)] if left_out else []
+        reason = 'left out, for their messages or the definitions of their types are not of ROS'
+        self.notes = [f'{reason}: {", ".join(left_out)}'] if left_out else []
         self.topics = self._topics()
         if stored and not self.topics:
             self._stack.close()
@@ -138,7 +137,8 @@ class Bag(AbstractContextManager['Bag']):
             if isinstance(error, OSError) and error.errno in NO_DAMAGE:
                 raise InputError(f'{self.path}: bag cannot be read: {error.strerror}') from error
             reason = words_of(error)
-            if advice := ADVICE.get(self.path.suffix, '' if self._repaired else OTHER_ADVICE):
+            advice = 'if it is damaged, or was left open by a crash, try --repair'
+            if advice := ADVICE.get(self.path.suffix, '' if self._repaired else advice):
                 reason += f'; {advice.format(name=self.path.name)}'
             raise InputError(f'{self.path}: bag cannot be read: {reason}') from error
 

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
 from visual_servo_epipolar.bags.reading.run import Recording, usable
+from visual_servo_epipolar.bags.reading.topics import ROLES
 from visual_servo_epipolar.bags.replaying.replay import Plan, value_at
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -23,8 +24,6 @@ from visual_servo_epipolar.messages.settings_text import installed_versions, Nod
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be
-OF_IMAGES = 'matcher', 'matcher_model'  # settings that mean nothing to recorded tracks
-OWN_PHOTOGRAPH = 'tracker_node/desired/image_raw'
 TRACKER = (
     'the recording began after the tracker: what it had seen before is unknown, so that replayed '
     'images may give other tracks; --tracks replays those that were recorded'
@@ -79,7 +78,7 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
             run.tracker,
             overrides.changes.get('tracker', {}),
             notes,
-            unused=OF_IMAGES if from_tracks else (),
+            unused=('matcher', 'matcher_model') if from_tracks else (),  # they are of images
         ),
         cameras=_cameras(bag, run, overrides),
         photographs=() if from_tracks else _photographs(bag, run, overrides),
@@ -118,9 +117,10 @@ def settings_in_time(
     unused: Sequence[str] = (),
 ) -> list[tuple[int | None, SettingsT]]:
     """Return the settings in their time, each with ``changes`` in place, without those unused."""
-    section = _section(default)
+    section = type(default).__name__.removesuffix('Settings').lower()
     # What is changed need not hold any more: a file that is here no longer.
-    names = {item.name for item in fields(default)}.difference(unused, _todays(default, changes))
+    changed = {default.RENAMED.get(name, name) for name in changes}
+    names = {item.name for item in fields(default)}.difference(unused, changed)
     where = section if changes else f'recorded {section}'
     if not history:
         notes.append(f'no parameters of the {section} in the bag: those not given are defaults')
@@ -161,15 +161,6 @@ def _note_version(recorded: NodeSettings, notes: list[str]) -> None:
     notes += [note for note in new if note not in notes]
 
 
-def _todays(settings: Settings, changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``changes`` by the names that ``settings`` have today."""
-    return {settings.RENAMED.get(name, name): value for name, value in changes.items()}
-
-
-def _section(settings: Settings) -> str:
-    return type(settings).__name__.removesuffix('Settings').lower()
-
-
 def _cameras(
     bag: Bag, run: Recording, overrides: ReplayOverrides
 ) -> Sequence[tuple[int | None, CameraModel | str]]:
@@ -191,7 +182,7 @@ def _photographs(
         return [(None, _image_at(bag, run, overrides.desired))]
     if overrides.desired is not None:
         return [(None, overrides.desired)]
-    if run.topics['desired'].name.endswith(OWN_PHOTOGRAPH):
+    if run.topics['desired'].name.endswith(ROLES['desired'].endings[0]):
         return run.photographs
     # Not from the tracker: its time is not recorded, but it was there before the first step.
     return [(None, run.photographs[0][1]), *run.photographs[1:]]

@@ -5,8 +5,9 @@ from functools import partial
 from importlib import import_module
 import sys
 
+from visual_servo_epipolar.files import PACKAGE
 from visual_servo_epipolar.nodes.startup.missing import remedy
-from visual_servo_epipolar.nodes.startup.table import NODES, PACKAGE
+from visual_servo_epipolar.nodes.startup.table import NODES
 from visual_servo_epipolar.processes import one_thread, printing
 
 SUCCESS, USAGE_ERROR = 0, 2

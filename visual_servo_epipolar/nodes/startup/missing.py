@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 import re
-from types import MappingProxyType
 
 from visual_servo_epipolar.core.errors import InputError
 
@@ -14,17 +13,15 @@ NO_ROS = (
 )
 DASK = 'pip install "visual_servo_epipolar[dask]"'
 BAGS = 'pip install rosbags mcap (on Ubuntu 24.04 in a venv with --system-site-packages)'
-REMEDIES: Mapping[str, str] = MappingProxyType(
-    {
-        'rosbags': BAGS,
-        'mcap': BAGS,
-        'cv2': 'apt install python3-opencv, or pip install opencv-python-headless',
-        'dask': DASK,
-        'distributed': DASK,
-        'matplotlib': 'apt install python3-matplotlib, or pip install matplotlib',
-        'scipy': 'apt install python3-scipy, or pip install scipy',
-    }
-)
+REMEDIES: Mapping[str, str] = {
+    'rosbags': BAGS,
+    'mcap': BAGS,
+    'cv2': 'apt install python3-opencv, or pip install opencv-python-headless',
+    'dask': DASK,
+    'distributed': DASK,
+    'matplotlib': 'apt install python3-matplotlib, or pip install matplotlib',
+    'scipy': 'apt install python3-scipy, or pip install scipy',
+}
 
 
 def require(*packages: str, otherwise: str = '', load: bool = True) -> None:

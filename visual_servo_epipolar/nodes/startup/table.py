@@ -6,8 +6,7 @@ from importlib import import_module
 import re
 
 from visual_servo_epipolar.core.settings import names_of, parameters_of, Settings
-
-PACKAGE = 'visual_servo_epipolar'
+from visual_servo_epipolar.files import PACKAGE
 
 
 @dataclass(frozen=True, slots=True)
