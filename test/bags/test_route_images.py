@@ -21,6 +21,8 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
 
 CAMERA = calibrated_camera((64, 48), (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), ())
+STAMPED = '/stamped/cmd_vel'
+BY_COMMANDS = 'no odometry: the way is that of'
 COLOR, DEPTH = '/cam/color/image_raw', '/cam/depth/camera_info'
 TOLD = 'may be of two cameras'  # as the nodes log it
 ODOMETRY = '/odom', '/other/odom', '/odometry/filtered', '/robot_1/odom', '/robot_2/odom'
@@ -29,7 +31,7 @@ KINDS = dict.fromkeys(ODOMETRY, 'nav_msgs/msg/Odometry') | {
     DEPTH: 'sensor_msgs/msg/CameraInfo',
     '/robot_1/image_raw': 'sensor_msgs/msg/Image',
     '/robot_1/camera_info': 'sensor_msgs/msg/CameraInfo',
-    '/stamped/cmd_vel': 'geometry_msgs/msg/TwistStamped',
+    STAMPED: 'geometry_msgs/msg/TwistStamped',
 }
 SECOND = 10**9
 WAYS = pytest.approx([0.4, 0.6, 0.8, 1.0])
@@ -64,10 +66,14 @@ def odometry(topic: str) -> list[Message]:
     return messages
 
 
-def commands() -> list[Message]:
-    step = SECOND // 4
-    drive = bytes(serialize_message(write.twist(Twist(0.5, 0.0))))
-    return [('/cmd_vel', k * step, drive) for k in range(12)]
+def commands(topic: str = '/cmd_vel', late: int = 0) -> list[Message]:
+    """Return commands that come ``late`` [s] after their stamps, if the topic has such."""
+    messages, is_stamped = [], topic != '/cmd_vel'
+    for k in range(12):
+        stamp_ns = k * SECOND // 4
+        message = write.command(Twist(0.5, 0.0), stamp_ns, 'base_link', stamped=is_stamped)
+        messages.append((topic, stamp_ns + late * SECOND, bytes(serialize_message(message))))
+    return messages
 
 
 def bag_of(folder: Path, *parts: list[Message]) -> Path:
@@ -85,26 +91,46 @@ def test_poses_are_those_at_the_stamps_of_the_images(tmp_path: Path) -> None:
     assert [theta for _, _, theta in taken] == pytest.approx([0.1, 0.15, 0.2, 0.25])
 
 
-def test_without_odometry_the_way_is_that_of_the_commands(tmp_path: Path) -> None:
-    with Bag(bag_of(tmp_path, images(), commands())) as bag:
+@pytest.mark.parametrize(
+    ('motion', 'ways', 'notes'),
+    [
+        (commands(), [0.5, 0.75, 1.0, 1.25], [f'{BY_COMMANDS} /cmd_vel']),
+        (
+            commands(STAMPED, 1),
+            [0.5, 0.75, 1.0, 1.25],
+            [f'no odometry: the way is that of {STAMPED}'],
+        ),
+        (odometry('/odometry/filtered') + commands(), [0.4, 0.6, 0.8, 1.0], []),
+    ],
+    ids=['commands', 'stamped commands', 'odometry, by its type'],
+)
+def test_the_way_is_that_of_odometry_or_of_the_commands(tmp_path, motion, ways, notes) -> None:
+    with Bag(bag_of(tmp_path, images(), motion)) as bag:
         way = RecordedWay(bag, {})
-        ways = [pose.x for _, _, pose in way.images()]
-    assert ways == pytest.approx([0.5, 0.75, 1.0, 1.25])
-    assert 'no odometry' in way.notes[0]
+        assert [pose.x for _, _, pose in way.images()] == pytest.approx(ways)
+    assert way.notes == notes
 
 
-def test_a_bag_that_does_not_tell_how_far_it_went_is_refused(tmp_path: Path) -> None:
-    with (
-        Bag(bag_of(tmp_path, images())) as bag,
-        pytest.raises(InputError, match='nothing tells how far the robot drove'),
-    ):
-        RecordedWay(bag, {})
+def without_orientation() -> list[Message]:
+    message = Odometry()
+    message.pose.pose.orientation.w = 0.0
+    return [('/odom', k, bytes(serialize_message(message))) for k in range(2)]
 
 
-def test_odometry_is_found_by_its_type(tmp_path: Path) -> None:
-    parts = images(), odometry('/odometry/filtered'), commands()
-    with Bag(bag_of(tmp_path, *parts)) as bag:
-        assert [pose.x for _, _, pose in RecordedWay(bag, {}).images()] == WAYS
+@pytest.mark.parametrize(
+    ('motion', 'words'),
+    [
+        ([], 'nothing tells how far the robot drove'),
+        (without_orientation(), 'must be a quaternion of length 1, got length 0'),
+        (odometry('/odom') + odometry('/other/odom'), 'say --odometry NAME'),
+    ],
+)
+def test_a_bag_whose_way_is_unknown_is_refused(tmp_path, motion, words) -> None:
+    with Bag(bag_of(tmp_path, images(), motion)) as bag:
+        with pytest.raises(InputError, match=words):
+            RecordedWay(bag, {})
+        if '/other/odom' in bag.topics:
+            assert len(list(RecordedWay(bag, {}, odometry='/other/odom').images())) == 4
 
 
 def test_odometry_beside_the_images_is_that_of_their_robot(tmp_path: Path) -> None:
@@ -117,18 +143,6 @@ def test_odometry_beside_the_images_is_that_of_their_robot(tmp_path: Path) -> No
     assert way.notes == [words]
 
 
-def test_stamped_commands_count_by_their_stamps(tmp_path: Path) -> None:
-    late = []
-    for k in range(12):
-        twist = write.command(Twist(0.5, 0.0), k * SECOND // 4, 'base_link', stamped=True)
-        late.append(
-            ('/stamped/cmd_vel', k * SECOND // 4 + SECOND, bytes(serialize_message(twist)))
-        )
-    with Bag(bag_of(tmp_path, images(), late)) as bag:
-        ways = [pose.x for _, _, pose in RecordedWay(bag, {}).images()]
-    assert ways == pytest.approx([0.5, 0.75, 1.0, 1.25])
-
-
 @pytest.mark.parametrize(
     ('apart', 'words'),
     [
@@ -137,30 +151,10 @@ def test_stamped_commands_count_by_their_stamps(tmp_path: Path) -> None:
     ],
 )
 def test_commands_of_another_clock_are_named(tmp_path: Path, apart: int, words: str) -> None:
-    later = max(-apart, 0) * SECOND
-    told = [(topic, log_ns + max(apart, 0) * SECOND, raw) for topic, log_ns, raw in commands()]
-    parts = calibrations(CAMERA), views(begin_ns=later + SECOND), told
+    begin_ns = (max(-apart, 0) + 1) * SECOND
+    parts = calibrations(CAMERA), views(begin_ns=begin_ns), commands(late=max(apart, 0))
     with Bag(bag_of(tmp_path, *parts)) as bag, pytest.raises(InputError, match=words):
         list(RecordedWay(bag, {}).images())
-
-
-def test_odometry_without_orientation_is_refused(tmp_path: Path) -> None:
-    message = Odometry()
-    message.pose.pose.orientation.w = 0.0
-    empty = [('/odom', k, bytes(serialize_message(message))) for k in range(2)]
-    with (
-        Bag(bag_of(tmp_path, images(), empty)) as bag,
-        pytest.raises(InputError, match='must be a quaternion of length 1, got length 0'),
-    ):
-        RecordedWay(bag, {})
-
-
-def test_two_odometries_are_a_choice(tmp_path: Path) -> None:
-    parts = images(), odometry('/odom'), odometry('/other/odom')
-    with Bag(bag_of(tmp_path, *parts)) as bag:
-        with pytest.raises(InputError, match='say --odometry NAME'):
-            RecordedWay(bag, {})
-        assert len(list(RecordedWay(bag, {}, odometry='/other/odom').images())) == 4
 
 
 @pytest.mark.parametrize('factor', [1.0000001, 1.2])

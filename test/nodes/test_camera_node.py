@@ -6,6 +6,7 @@ from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from small_cameras import MINUTE
 
@@ -17,6 +18,8 @@ from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.bases import LEVEL, Nod
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.sensor import CameraMotion
 
@@ -33,6 +36,7 @@ class Camera:
         self.infos = bench.listen(CameraInfo, 'camera_info')
         self._truth = bench.talk(Odometry, 'ground_truth')
         self.node = bench.start(CameraNode, **{**MINUTE, **values})
+        self.simulator = CameraSimulator(CameraSettings(**{**MINUTE, **values}))
 
     def stamps(self) -> list[int]:
         return [read.stamp_ns(message.header) for message in self.images]
@@ -44,11 +48,6 @@ class Camera:
         """Publish ground truth, and wait until the node has dealt with it."""
         self._truth(message)
         self.bench.settle()
-
-    @property
-    def simulator(self):
-        """The same simulation as that of the node."""
-        return self.node._simulator
 
 
 @pytest.fixture
@@ -71,6 +70,17 @@ def test_the_image_is_what_the_simulation_sees_from_there(bench, encoding, step)
     assert (camera.images[0].encoding, camera.images[0].step) == (encoding, step)
     expected = camera.simulator.capture(published(POSE), 0)
     np.testing.assert_array_equal(read.gray(camera.images[0]), expected)
+
+
+def test_a_setting_changed_on_the_way_counts_from_the_next_image(bench) -> None:
+    camera = Camera(bench)
+    for number, (name, value) in enumerate({'jitter': 0.05, 'light': 'lamp_side'}.items()):
+        camera.node.set_parameters([Parameter(name, value=value)])
+        camera.see(number * PERIOD_NS)
+    simulator = CameraSimulator(CameraSettings(**MINUTE, jitter=0.05))
+    expected = [simulator.capture(published(POSE), number) for number in (0, 1)]
+    np.testing.assert_array_equal(read.gray(camera.images[0]), expected[0])
+    assert not np.array_equal(read.gray(camera.images[1]), expected[1])
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode
+from visual_servo_epipolar.nodes.managed import in_every_state, ManagedNode, serve
 from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
@@ -40,8 +40,8 @@ class Parrot(ManagedNode):
         self.heard: list[str] = []
         self.ticks = 0
         self.later: Any = None
-        self.create_service(Trigger, '~/talk', self._on_talk)
-        self.create_service(Trigger, '~/hush', self._on_hush)
+        serve(self, '~/talk', lambda: 'hello')
+        serve(self, '~/hush', in_every_state(lambda: 'silent'))
         self.autostart(parameters.declare(self, LifecycleSettings))
 
     def configure(self) -> None:
@@ -85,15 +85,6 @@ class Parrot(ManagedNode):
 
     def _on_tick(self) -> None:
         self.ticks += 1
-
-    def _on_talk(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, 'hello'
-        return response
-
-    @in_every_state
-    def _on_hush(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, 'silent'
-        return response
 
 
 @pytest.fixture

@@ -144,23 +144,6 @@ def test_changes_are_taken_together_or_not_at_all_and_logged_with_what_was(bench
     bench.until(lambda: bench.logged('max_linear: 0.4 -> 0.6'), 'the change in the log')
 
 
-GOOD = [
-    ('tracker_node', 'max_features', 50, lambda node: node._tracker.settings.max_features),
-    ('unicycle_node', 'max_linear', 0.25, lambda node: node._base.settings.max_linear),
-    ('camera_node', 'jitter', 0.05, lambda node: node._simulator.settings.jitter),
-    ('camera_node', 'exposure', 'auto', lambda node: node._simulator.light.exposure),
-]
-
-
-@pytest.mark.parametrize(('name', 'key', 'value', 'current'), GOOD)
-def test_a_good_change_reaches_what_it_is_for(bench, name, key, value, current) -> None:
-    node = bench.start(node_class(name))
-    assert current(node) != value
-    result = change(bench, name, **{key: value})
-    assert result.successful, result.reason
-    assert current(node) == value
-
-
 REFUSED = [
     ('unicycle_node', {'max_linaer': 0.3}, 'no parameter max_linaer; did you mean max_linear'),
     ('unicycle_node', {'zzz': 1.0}, 'no parameter zzz; it knows '),

@@ -63,7 +63,7 @@ def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench, settings)
     assert settings()['camera_tilt'] == pytest.approx(0.3)
     assert settings()['camera_yaw'] == pytest.approx(0.1)
     # The camera is level: the transform is wrong, and that is found out.
-    assert rig.node._state.view.memory.attitude.tilt == pytest.approx(0.0, abs=0.03)
+    assert rig.run.state.view.memory.attitude.tilt == pytest.approx(0.0, abs=0.03)
     line = '/tf_static: camera_optical_frame sits at tilt 17.2 deg, roll -5.7 deg'
     bench.until(lambda: bool(bench.logged(line)), 'the log')
     bench.until(lambda: len(heard) == 2, 'the settings, announced anew')

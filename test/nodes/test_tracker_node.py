@@ -6,6 +6,7 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tracker_rig import message, Rig, STAMP_NS
 
@@ -51,6 +52,16 @@ def test_each_image_gives_the_tracks_of_the_core_with_its_stamp(rig, photograph,
     stamps = [read.stamp_ns(cloud.header) for cloud in rig.clouds]
     assert stamps == [STAMP_NS, STAMP_NS + 1, STAMP_NS + 2]
     assert rig.clouds[0].header.frame_id == 'camera'
+
+
+def test_a_setting_changed_on_the_way_counts_from_the_next_photograph(
+    rig, photograph, view
+) -> None:
+    tracker = Tracker(TrackerSettings(max_features=50))
+    tracker.set_desired(photograph)
+    rig.node.set_parameters([Parameter('max_features', value=50)])
+    features = rig.calibrated().taught(photograph).track(view)
+    np.testing.assert_array_equal(features.ids, tracker.track(view).ids)
 
 
 def test_an_image_of_another_time_is_published_as_one(rig, photograph, view) -> None:

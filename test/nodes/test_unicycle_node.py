@@ -143,6 +143,13 @@ def test_a_new_start_counts_from_the_next_reset(bench) -> None:
     assert answer.message == 'at the start [-0.5, -3.0, 0.0]'
 
 
+def test_a_limit_changed_on_the_way_holds_from_the_next_command(bench) -> None:
+    node, command, truth = start(bench, lockstep=True, acceleration=20.0)
+    node.set_parameters([Parameter('max_linear', value=0.25)])
+    step(bench, command, truth, write.twist(Twist(0.5, 0.0)))
+    assert velocity(truth[-1]).linear == 0.25
+
+
 def test_odometry_drifts_away_from_the_truth_says_so_and_begins_anew_with_a_reset(bench) -> None:
     odometry = bench.listen(Odometry, 'odom')
     node, command, truth = start(bench, lockstep=True, command_timeout=0.0)

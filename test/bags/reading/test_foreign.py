@@ -1,6 +1,6 @@
 """Bags of others: another robot's names and encodings, other distributions, two robots."""
 
-from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 import sqlite3
 
@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin
 from sensor_msgs.msg import CompressedImage
 import yaml
 
@@ -44,29 +45,6 @@ def driver(small_run) -> list[Message]:
     return [item for item in small_run if item[0] in DRIVER][:40]
 
 
-def renamed(messages: list[Message], change: Callable[[Message], object]) -> list[Message]:
-    """Return the images as ``change`` makes them, and the rest as it was, under /front."""
-    return [
-        (
-            '/front/camera_info' if topic == '/camera_info' else '/front/picture',
-            log_ns,
-            raw if topic == '/camera_info' else serialize_message(change((topic, log_ns, raw))),
-        )
-        for topic, log_ns, raw in messages
-    ]
-
-
-def as_png(message: Message) -> CompressedImage:
-    image = decoded(message)
-    encoded = CompressedImage(format='mono8; png compressed mono8')
-    encoded.header = write.header(read.stamp_ns(image.header), 'front')
-    encoded.data.frombytes(cv2.imencode('.png', read.gray(image))[1].tobytes())
-    return encoded
-
-
-FRONT = {'/front/camera_info': 'sensor_msgs/msg/CameraInfo'}
-
-
 def test_driver_and_photograph_give_the_commands(driver, small_run, photograph, tmp_path) -> None:
     path = write_bag(tmp_path / 'driver', driver)
     steps = replayed(path, desired=photograph).steps
@@ -74,113 +52,77 @@ def test_driver_and_photograph_give_the_commands(driver, small_run, photograph, 
     assert len(steps) == 20
 
 
+def packed(gray: np.ndarray, stamp_ns: int = 0, suffix: str = '.jpg') -> bytes:
+    """Return a serialized CompressedImage."""
+    message = CompressedImage(format=f'mono8; {suffix[1:].replace("jpg", "jpeg")} compressed ')
+    message.header = write.header(stamp_ns, 'front')
+    message.data.frombytes(cv2.imencode(suffix, gray)[1].tobytes())
+    return bytes(serialize_message(message))
+
+
+def compressed(messages: list[Message], topic: str, suffix: str = '.jpg') -> list[Message]:
+    """Return what a camera of compressed images on ``topic`` would have sent."""
+    made: list[Message] = []
+    for item in messages:
+        name, log_ns, raw = item
+        if name == '/image_raw':
+            image = decoded(item)
+            raw = packed(read.gray(image), read.stamp_ns(image.header), suffix)
+        made.append((topic if name == '/image_raw' else name, log_ns, raw))
+    return made
+
+
+PICTURE, JPEG, GOAL = '/front/picture', '/image_raw/compressed', '/desired/image_raw/compressed'
+PICTURES = dict.fromkeys((PICTURE, JPEG, GOAL), 'sensor_msgs/msg/CompressedImage')
+
+
 def test_compressed_images_give_them_as_well(driver, small_run, photograph, tmp_path) -> None:
-    kinds = {**FRONT, '/front/picture': 'sensor_msgs/msg/CompressedImage'}
-    path = write_bag(tmp_path / 'png', renamed(driver, as_png), kinds=kinds)
-    for topics in ({}, {'image': '/front/picture', 'camera_info': 'front/camera_info'}):
+    path = write_bag(tmp_path / 'png', compressed(driver, PICTURE, '.png'), kinds=PICTURES)
+    for topics in ({}, {'image': PICTURE, 'camera_info': 'camera_info'}):
         steps = replayed(path, topics, desired=photograph).steps
         assert twists(steps) == published(small_run)[: len(steps)]
 
 
-def as_jpeg(gray: np.ndarray, stamp_ns: int = 0, *, quality: int = 80) -> CompressedImage:
-    encoded = CompressedImage(format='mono8; jpeg compressed ')
-    encoded.header = write.header(stamp_ns, 'front')
-    data = cv2.imencode('.jpg', gray, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    encoded.data.frombytes(data.tobytes())
-    return encoded
-
-
-def compressed(messages: list[Message], photograph: np.ndarray) -> list[Message]:
-    """Return what a camera of compressed images would have sent, with the photograph."""
-    made: list[Message] = [
-        ('/desired/image_raw/compressed', 0, serialize_message(as_jpeg(photograph)))
-    ]
-    for item in messages:
-        topic, log_ns, raw = item
-        if topic == '/image_raw':
-            image = decoded(item)
-            packed = as_jpeg(read.gray(image), read.stamp_ns(image.header))
-            topic, raw = '/image_raw/compressed', serialize_message(packed)
-        made.append((topic, log_ns, raw))
-    return made
-
-
 def test_compressed_images_are_replayed_by_name(driver, small_run, photograph, tmp_path) -> None:
-    kinds = dict.fromkeys(
-        ('/image_raw/compressed', '/desired/image_raw/compressed'),
-        'sensor_msgs/msg/CompressedImage',
-    )
-    path = write_bag(tmp_path / 'jpeg', compressed(driver, photograph), kinds=kinds)
-    steps = replayed(path).steps
+    messages = [(GOAL, 0, packed(photograph)), *compressed(driver, JPEG)]
+    steps = replayed(write_bag(tmp_path / 'jpeg', messages, kinds=PICTURES)).steps
     assert len(steps) == 20
     np.testing.assert_allclose(twists(steps), published(small_run)[:20], atol=0.02)
     assert all(step.telemetry['features'] >= 59 for step in steps)  # JPEG may cost one
 
 
 @pytest.mark.parametrize('transport', ['raw', 'compressed'])
-def test_of_two_transports_that_taken_is_replayed(
-    driver, small_run, photograph, tmp_path, transport
-) -> None:
-    jpegs = [item for item in compressed(driver, photograph) if item[0] != '/camera_info']
+def test_of_two_transports_that_taken_is_replayed(driver, small_run, tmp_path, transport) -> None:
+    jpegs = [item for item in compressed(driver, JPEG) if item[0] == JPEG]
     settings = next(decoded(item) for item in small_run if item[0] == '/tracker_node/settings')
     text = settings.data.replace('transport: raw', f'transport: {transport}')
     told: Message = ('/tracker_node/settings', 0, serialize_message(write.text(text)))
-    kinds = dict.fromkeys(
-        ('/image_raw/compressed', '/desired/image_raw/compressed'),
-        'sensor_msgs/msg/CompressedImage',
-    )
-    path = write_bag(tmp_path / 'both', [told, *jpegs, *driver], kinds=kinds)
+    path = write_bag(tmp_path / 'both', [told, *jpegs, *driver], kinds=PICTURES)
     with Bag(path) as bag:
-        expected = '/image_raw' if transport == 'raw' else '/image_raw/compressed'
+        expected = '/image_raw' if transport == 'raw' else JPEG
         assert assign_roles(bag, {})['image'].name == expected
         assert assign_roles(bag, {'image': 'image_raw'})['image'].name == '/image_raw'
 
 
 def write_humble(path: Path, messages: list[Message]) -> Path:
     """Write a bag as humble does: sqlite3, no definitions, QoS as text, no hashes."""
-    path.mkdir()
-    names = list(dict.fromkeys(topic for topic, _, _ in messages))
-    with sqlite3.connect(path / 'run_0.db3') as base:
-        base.execute(
-            'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, '
-            'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)'
-        )
-        base.execute(
-            'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, '
-            'timestamp INTEGER NOT NULL, data BLOB NOT NULL)'
-        )
-        rows = [(n, name, kind_of(name), 'cdr', '') for n, name in enumerate(names, start=1)]
-        base.executemany('INSERT INTO topics VALUES (?, ?, ?, ?, ?)', rows)
-        base.executemany(
-            'INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)',
-            [(names.index(topic) + 1, log_ns, raw) for topic, log_ns, raw in messages],
-        )
-    base.close()
-    topics = [
-        {
-            'message_count': sum(topic == name for topic, _, _ in messages),
-            'topic_metadata': {
-                'name': name,
-                'type': kind_of(name),
-                'serialization_format': 'cdr',
-                'offered_qos_profiles': '',
-            },
-        }
-        for name in names
-    ]
-    information = {
-        'version': 5,
-        'storage_identifier': 'sqlite3',
-        'duration': {'nanoseconds': messages[-1][1] - messages[0][1]},
-        'starting_time': {'nanoseconds_since_epoch': messages[0][1]},
-        'message_count': len(messages),
-        'topics_with_message_count': topics,
-        'compression_format': '',
-        'compression_mode': '',
-        'relative_file_paths': ['run_0.db3'],
-    }
-    text = yaml.safe_dump({'rosbag2_bagfile_information': information})
-    (path / 'metadata.yaml').write_text(text)
+    write_bag(path, messages, storage=StoragePlugin.SQLITE3)
+    with closing(sqlite3.connect(path / f'{path.name}.db3')) as base:
+        for table in ('schema', 'metadata', 'message_definitions'):
+            base.execute(f'DROP TABLE {table}')
+        base.execute('ALTER TABLE topics DROP COLUMN type_description_hash')
+        base.execute("UPDATE topics SET offered_qos_profiles = ''")
+        base.commit()
+    metadata = path / 'metadata.yaml'
+    document = yaml.safe_load(metadata.read_text())
+    information = document['rosbag2_bagfile_information']
+    information['version'] = 5
+    for name in ('custom_data', 'files', 'ros_distro'):
+        del information[name]
+    for topic in information['topics_with_message_count']:
+        topic['topic_metadata']['offered_qos_profiles'] = ''
+        del topic['topic_metadata']['type_description_hash']
+    metadata.write_text(yaml.safe_dump(document))
     return path
 
 

@@ -68,15 +68,10 @@ def test_every_message_is_read_back_byte_by_byte(tmp_path, compression) -> None:
     sent = fill(bag, 500, compression=compression)
     assert read_back(bag) == sent
     assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
-
-
-@pytest.mark.parametrize('compression', ['none', 'zstd'])
-def test_the_official_reader_of_mcap_decodes_every_message(tmp_path, compression) -> None:
-    fill(tmp_path / 'bag', 100, compression=compression)
-    with (tmp_path / 'bag/bag_0.mcap').open('rb') as file:
+    with (bag / 'bag_0.mcap').open('rb') as file:  # the official reader of mcap
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         texts = [message.data for *_, message in reader.iter_decoded_messages()]
-    assert texts == [f'{number:010}' for number in range(100)]
+    assert texts == [f'{number:010}' for number in range(500)]
 
 
 def test_definition_hash_and_qos_of_each_topic_are_kept(tmp_path) -> None:

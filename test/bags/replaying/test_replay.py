@@ -35,15 +35,14 @@ from visual_servo_epipolar.bags.replaying.plan import (
     TRACKER,
 )
 from visual_servo_epipolar.bags.replaying.replay import document, has_truth, ReplayedStep, run_log
-from visual_servo_epipolar.bags.replaying.replay import SETTLE_FRAMES as BRAKING_STEPS
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.run_log import SETTLE_FRAMES
 from visual_servo_epipolar.core.servo.telemetry import ODOMETRY, odometry_of
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.report.figures import signals
-from visual_servo_epipolar.simulation.closed_loop import SETTLE_FRAMES
 
 TRACKER_SETTINGS, SERVO_SETTINGS = '/tracker_node/settings', '/servo_node/settings'
 DESIRED = '/tracker_node/desired/image_raw'
@@ -376,14 +375,10 @@ def test_a_run_ends_where_it_arrived_or_failed(phase) -> None:
     result = document(log, truth=True)
     assert result['phases'][-1]['start_s'] == 2.0
     assert (result['outcome'], result['reason']) == (phase, f'in {phase}')
-    assert len(log.samples) == 20 + BRAKING_STEPS
-    assert result['longitudinal_error_m'] == pytest.approx(0.01 * (19 + BRAKING_STEPS))
+    assert len(log.samples) == 20 + SETTLE_FRAMES
+    assert result['longitudinal_error_m'] == pytest.approx(0.01 * (19 + SETTLE_FRAMES))
     end_s = result['phases'][-1]['end_s']
-    assert end_s == result['duration_s'] == pytest.approx(2.0 + 0.1 * (BRAKING_STEPS - 1))
-
-
-def test_the_base_has_the_time_to_brake_that_a_live_run_gives_it() -> None:
-    assert BRAKING_STEPS == SETTLE_FRAMES
+    assert end_s == result['duration_s'] == pytest.approx(2.0 + 0.1 * (SETTLE_FRAMES - 1))
 
 
 def test_a_run_that_had_not_ended_lasts_as_long_as_its_bag() -> None:

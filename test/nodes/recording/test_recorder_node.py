@@ -205,17 +205,17 @@ def test_a_clock_that_is_not_published_is_not_missed(bench, tmp_path, monkeypatc
     bench.until(lambda: recorded() == {'/clock'}, 'the clock to be recorded')
 
 
-def test_the_diagnostics_are_sentences(bench, tmp_path) -> None:
+def test_the_diagnostics_are_sentences(bench, tmp_path, monkeypatch) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
-    node = bench.start(RecorderNode, bag=str(tmp_path / 'bag'), autostart=False)
+    bench.start(RecorderNode, bag=str(tmp_path / 'bag'), autostart=False)
     said = lambda: diagnostics[-1].status[0].message if diagnostics else ''  # noqa: E731
     bench.until(lambda: said() == 'nothing is being recorded', 'that nothing is')
     assert bench.call('recorder_node/start').success
     bench.until(lambda: said() == f'recording to {tmp_path / "bag"}', 'where to')
-    node._raw_subscriptions.refused['/odd'] = 'odd/msg/Odd cannot be imported; source it'
+    monkeypatch.setitem(sys.modules, 'sensor_msgs.msg', None)  # as if it were not installed
+    bench.talk(JointState, 'odd')
     bench.until(
-        lambda: said().endswith('/odd is not recorded: odd/msg/Odd cannot be imported; source it'),
-        'why',
+        lambda: '/odd is not recorded: sensor_msgs/msg/JointState cannot be' in said(), 'why'
     )
     assert diagnostics[-1].status[0].level == DiagnosticStatus.WARN
 

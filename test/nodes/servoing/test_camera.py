@@ -11,7 +11,6 @@ from servo_rig import CAMERA, IN_VIEW, PERIOD_NS, Rig
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.goal import NO_GOAL
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
@@ -206,12 +205,3 @@ def test_a_run_goes_on_with_its_own_photograph_and_a_new_one_with_another(
         bench.call('servo_node/reset')
     rig.goal = goal
     rig.drive()
-
-
-@pytest.mark.parametrize('goal', [FIRST, NO_GOAL])
-def test_the_same_photograph_or_one_without_a_number_is_no_change(bench, goal) -> None:
-    rig = of(bench)
-    rig.goal = goal
-    for _ in range(3):
-        rig.see()
-        assert rig.twist != STANDSTILL

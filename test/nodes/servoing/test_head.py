@@ -44,12 +44,14 @@ class Headed(Rig):
         return self.run.trouble
 
 
-def test_it_drives_and_turns_its_head(bench) -> None:
-    rig = Headed(bench).drive()
+@pytest.mark.parametrize('kind', ['position', 'velocity'])
+def test_it_drives_and_turns_its_head(bench, kind) -> None:
+    rig = Headed(bench, head_command=kind).drive()
     assert rig.phase == 'approaching'
     assert list(rig.orders[-1].name) == list(NAMES)
-    assert len(rig.orders[-1].position) == 2 and not rig.orders[-1].velocity
-    assert rig.orders[-1].position[0] != 0.0
+    counts = len(rig.orders[-1].position), len(rig.orders[-1].velocity)
+    assert counts == ((2, 0) if kind == 'position' else (0, 2))
+    assert kind == 'velocity' or rig.orders[-1].position[0] != 0.0
 
 
 IN_RAD = 'within -1.745 to 1.745 rad, got'
@@ -108,11 +110,6 @@ def test_the_other_usual_names_and_a_trajectory(bench) -> None:
     assert rig.twists()[-1] != STANDSTILL
     assert list(rig.orders[-1].joint_names) == list(names)
     assert len(rig.orders[-1].points[0].positions) == 2
-
-
-def test_rates_are_sent_where_the_head_takes_those(bench) -> None:
-    rig = Headed(bench, head_command='velocity').drive()
-    assert len(rig.orders[-1].velocity) == 2 and not rig.orders[-1].position
 
 
 def test_angles_are_those_at_the_image(bench) -> None:

@@ -59,6 +59,7 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, view, 
 
 def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
     node = bench.start(TrackerNode)
+    bench.pass_time(0.1)  # some looks at no driver
     assert reliability(node) == 'reliable'
     for profile in (BEST_EFFORT, qos.STREAM, BEST_EFFORT):
         publisher = bench.probe.create_publisher(Image, 'image_raw', profile)
@@ -66,12 +67,6 @@ def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
         bench.until(lambda expected=expected: reliability(node) == expected, 'it to fit')
         bench.probe.destroy_publisher(publisher)
     bench.until(lambda: bench.logged('is published as best_effort, and so subscribed'), 'the log')
-
-
-def test_while_no_driver_is_there_it_stays_reliable(bench) -> None:
-    node = bench.start(TrackerNode)
-    bench.pass_time(0.1)  # some looks
-    assert reliability(node) == 'reliable'
 
 
 def test_of_two_drivers_the_one_that_fits_both_is_taken(bench) -> None:
