@@ -9,9 +9,8 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from visual_servo_epipolar.messages.validation import of_two_cameras
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.steady import STEADY
+from visual_servo_epipolar.nodes.steady import LOOK_PERIOD_S, STEADY
 
-LOOK_PERIOD_S = 0.5  # at who publishes, or listens
 TRANSPORTS: dict[str, tuple[Any, str]] = {
     'raw': (Image, ''),
     'compressed': (CompressedImage, '/compressed'),

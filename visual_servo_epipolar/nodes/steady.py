@@ -7,6 +7,7 @@ from rclpy.clock import Clock, ClockType
 from visual_servo_epipolar.core.stamps import seconds_between
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+LOOK_PERIOD_S = 0.5  # between looks at publishers and subscribers
 SILENT_S = 1.0  # without a message: the source of images or tracks is silent
 
 

@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.settings import selected
 from visual_servo_epipolar.core.stamps import period_ns
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import parameters, qos, steady
-from visual_servo_epipolar.nodes.camera_subscriptions import LOOK_PERIOD_S
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.managed import ParameterNode, serve
 from visual_servo_epipolar.nodes.reports import Complaints
@@ -53,7 +52,7 @@ class UnicycleNode(ParameterNode):
             self._clock_pub = self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
             if self._settings.begin:
                 self._waiting = self.create_timer(
-                    LOOK_PERIOD_S, self._on_waiting, clock=steady.STEADY
+                    steady.LOOK_PERIOD_S, self._on_waiting, clock=steady.STEADY
                 )
         else:
             self.create_timer(1.0 / self._settings.rate, self._on_tick, clock=steady.STEADY)
