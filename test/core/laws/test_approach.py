@@ -37,9 +37,7 @@ def test_it_turns_to_its_aim_but_never_out_of_view(side: float) -> None:
     aside = known(side * 1.0, -3.0)
     assert side * command(aside).angular > 0.1
     left, right = (0.0, 1.0) if side > 0.0 else (1.0, 0.0)
-    hidden = known(side * 1.0, -3.0)
-    object.__setattr__(hidden, 'view_margins', (left, right))
-    assert side * command(hidden).angular <= 0.0
+    assert side * command(replace(aside, view_margins=(left, right))).angular <= 0.0
 
 
 @pytest.mark.parametrize('way', [1.0, 0.3, 0.1, 0.03, 0.01, 0.001])
@@ -102,5 +100,5 @@ def test_backing_off_leads_towards_the_axis_within_the_view() -> None:
     free = asked(back_off, STATE, beside, SETTINGS)
     assert free.linear < 0.0
     assert -free.linear <= SETTINGS.retreat_speed
-    object.__setattr__(beside, 'view_margins', (0.0, 0.0))
-    assert asked(back_off, STATE, beside, SETTINGS).angular == pytest.approx(0.0, abs=1e-9)
+    hidden = replace(beside, view_margins=(0.0, 0.0))
+    assert asked(back_off, STATE, hidden, SETTINGS).angular == pytest.approx(0.0, abs=1e-9)

@@ -8,7 +8,7 @@ from servo_states import in_phase, MEMORY, seeing, sight
 
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.prediction import BORNE, predicted
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
@@ -43,28 +43,13 @@ def ahead(state: ServoState, settings: ServoSettings) -> GoalEstimate:
     return predicted(state.measurement, state.phase, settings)
 
 
-def then() -> Pose:
-    """Return where it will be."""
-    pose = HERE
-    for _ in range(500):
-        heading = pose.theta + 0.5e-3 * TWIST.angular
-        pose = Pose(
-            pose.x + 1e-3 * TWIST.linear * math.cos(heading),
-            pose.y + 1e-3 * TWIST.linear * math.sin(heading),
-            pose.theta + 1e-3 * TWIST.angular,
-        )
-    return pose
-
-
 def test_what_was_told_and_not_done_is_driven_ahead() -> None:
-    after = ahead(seen_from_here(), LATE)
-    assert after.offset == pytest.approx((then().x, then().y), abs=2e-4)
-    assert after.heading_error == pytest.approx(then().theta - 0.5 * math.pi, abs=1e-9)
-    expected = Bearings.from_pose(then())
-    assert (after.bearings.psi, after.bearings.phi) == pytest.approx(
-        (expected.psi, expected.phi), abs=2e-4
-    )
-    assert after.difference == pytest.approx(-0.1 + 0.05 * (then().y - HERE.y), abs=1e-4)
+    after, then = ahead(seen_from_here(), LATE), integrate(HERE, TWIST, 0.5)
+    assert after.offset == pytest.approx((then.x, then.y), abs=2e-4)
+    assert after.heading_error == pytest.approx(then.theta - 0.5 * math.pi, abs=1e-9)
+    expected, found = Bearings.from_pose(then), after.bearings
+    assert (found.psi, found.phi) == pytest.approx((expected.psi, expected.phi), abs=2e-4)
+    assert after.difference == pytest.approx(-0.1 + 0.05 * (then.y - HERE.y), abs=1e-4)
     turned = TWIST.angular * 0.5
     assert after.view_margins == pytest.approx((0.4 - turned, 0.3 + turned))
     assert after.rotation_heading == pytest.approx(after.heading_error)

@@ -49,17 +49,11 @@ def test_a_lowered_limit_scales_so_that_the_curve_stays() -> None:
 
 def begun(settings: ServoSettings, phase: Phase) -> ServoState:
     """Return a state in ``phase`` whose gains were derived as it began."""
-    before = {
-        Phase.ZEROING_EPIPOLES: in_phase(Phase.DISPLACING, target=0.2, period=0.1),
-        Phase.MATCHING_FEATURES: in_phase(
-            Phase.ZEROING_EPIPOLES, latched=True, settled=SETTINGS.align_frames, period=0.1
-        ),
-    }[phase]
-    there = {
-        Phase.ZEROING_EPIPOLES: sight(),
-        Phase.MATCHING_FEATURES: sight(bearings=ALIGNED, difference=-0.005),
-    }[phase]
-    return then(before, there, settings)
+    if phase is Phase.ZEROING_EPIPOLES:
+        return then(in_phase(Phase.DISPLACING, target=0.2, period=0.1), sight(), settings)
+    zeroed = {'latched': True, 'settled': SETTINGS.align_frames, 'period': 0.1}
+    seen = sight(bearings=ALIGNED, difference=-0.005)
+    return then(in_phase(Phase.ZEROING_EPIPOLES, **zeroed), seen, settings)
 
 
 @pytest.mark.parametrize('phase', STEPS)

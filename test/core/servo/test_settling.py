@@ -27,20 +27,19 @@ SEEN = round(SEEN_S * 1e9) // FRAME_NS  # frames until the last motion was seen
 
 
 def stood(
-    differences: list[float], last: Twist = STANDSTILL, phase: Phase = Phase.MATCHING_FEATURES
+    differences: list[float],
+    last: Twist = STANDSTILL,
+    phase: Phase = Phase.MATCHING_FEATURES,
+    *,
+    remembered: bool = True,
 ) -> ServoState:
     """Return the state after these D were seen by a robot that stands; ``last`` is commanded."""
     state, sent = in_phase(phase), CommandsSent().after(0, Twist(0.03, 0.0))
     for frame, difference in enumerate([0.1] * SEEN + differences, start=1):
-        seen = sight(
-            frame,
-            offset=(0.0, 10.0 * difference),
-            heading_error=0.0,
-            heading_deviation=1e-4,
-            difference=difference,
-            difference_slope=0.1,
-            difference_deviation=1e-6,
-        )
+        known = {'offset': (0.0, 10.0 * difference), 'difference_slope': 0.1}
+        known |= {'heading_error': 0.0, 'heading_deviation': 1e-4}
+        seen = sight(frame, difference=difference, difference_deviation=1e-6)
+        seen = replace(seen, **known) if remembered else seen
         sent = sent.after(frame * FRAME_NS - 1, STANDSTILL) if last == STANDSTILL else sent
         before = state.measurement
         state = settle(seeing(state, measurement=seen, sent=sent), None, before, 0.1, BANDED)
@@ -62,12 +61,7 @@ def test_a_mean_of_what_is_seen_at_rest_decides_not_each_image() -> None:
 
 
 def test_two_views_alone_are_averaged_at_rest_as_well() -> None:
-    state, sent = in_phase(Phase.MATCHING_FEATURES), CommandsSent().after(0, Twist(0.03, 0.0))
-    for frame, difference in enumerate([0.1] * SEEN + [3e-3, -3e-3] * 4, start=1):
-        seen = replace(sight(frame), difference=difference, difference_deviation=1e-6)
-        sent = sent.after(frame * FRAME_NS - 1, STANDSTILL)
-        state = seeing(state, measurement=seen, sent=sent)
-        state = settle(state, None, None, 0.1, BANDED)
+    state = stood([3e-3, -3e-3] * 4, remembered=False)
     assert state.settling.rest.difference == pytest.approx(0.0, abs=1e-12)
 
 
