@@ -292,21 +292,9 @@ def test_circumstances_that_cannot_be_are_refused(changes: dict[str, float], mes
         Circumstances(**changes)
 
 
-@pytest.mark.parametrize(
-    ('start', 'message'),
-    [
-        (
-            {'current': 0.1, 'desired': 0.3},
-            r'need \|atan e_au\| above .* rad with d_hat_0 / d_0 up',
-        ),
-        ({'rate': 0.5}, 'one period must be short for the limits'),
-    ],
-)
-def test_too_close_to_the_singularity_or_by_too_long_a_period_there_are_no_gains(
-    start, message
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        derive(Circumstances(concordant=True, **start))
+def test_a_concordant_start_too_close_to_the_singularity_has_no_gains() -> None:
+    with pytest.raises(ValueError, match=r'need \|atan e_au\| above .* rad with d_hat_0 / d_0 up'):
+        derive(Circumstances(concordant=True, current=0.1, desired=0.3))
 
 
 @pytest.mark.parametrize(

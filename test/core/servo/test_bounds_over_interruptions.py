@@ -5,13 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then, TWO_VIEWS
+from servo_states import BEARINGS, in_phase, SETTINGS, sight, then
 
-from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import classify
 from visual_servo_epipolar.core.twoview.estimator import UNKNOWN_COVARIANCE
 
 ASIDE = replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0)
@@ -35,20 +34,6 @@ def test_who_backs_off_begins_a_way_of_his_own() -> None:
     state = then(in_phase(Phase.ZEROING_EPIPOLES, leg=leg), aside)
     assert state.phase is Phase.RETREATING
     assert state.law.leg is None
-
-
-@pytest.mark.parametrize(('attempts', 'event'), [(1, Event.MISSED), (5, Event.MATCHED)])
-def test_a_yaw_just_learnt_asks_for_an_attempt_but_never_fails(attempts, event) -> None:
-    there = sight(parallax=1e-5, difference=0.0, heading_error=0.0)
-    state = in_phase(
-        Phase.MATCHING_FEATURES,
-        measurement=there,
-        settled=SETTINGS.arrival_frames,
-        settled_parallax=1e-5,
-        attempts=attempts,
-        extrinsics=learnt_yaw(2.0),
-    )
-    assert classify(state, TWO_VIEWS) is event
 
 
 def test_an_estimator_without_covariance_tells_nothing_of_the_mount() -> None:

@@ -110,18 +110,26 @@ def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew(why) -> None:
     assert then(zeroing, near, bare).phase is Phase.DISPLACING
 
 
-@pytest.mark.parametrize(('degrees', 'phase'), [(0.6, Phase.RETREATING), (0.4, Phase.ARRIVED)])
-def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees: float, phase: Phase) -> None:
+@pytest.mark.parametrize(
+    ('degrees', 'attempts', 'phase'),
+    [
+        (0.6, 1, Phase.RETREATING),
+        (0.4, 1, Phase.ARRIVED),
+        (2.0, SETTINGS.max_attempts, Phase.ARRIVED),  # it never fails for it
+    ],
+)
+def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees, attempts, phase) -> None:
     at_goal = {'parallax': 1e-5, 'difference': 0.0, 'heading_error': 0.0, 'feature_error': 1e-5}
     matching = in_phase(
         Phase.MATCHING_FEATURES,
         extrinsics=learnt_yaw(degrees),
         settled=SETTINGS.arrival_frames,
         settled_parallax=1e-5,
+        attempts=attempts,
     )
     state = then(matching, sight(bearings=None, **at_goal), TWO_VIEWS)
     assert state.phase is phase
-    assert state.run.attempts == 1 + (phase is Phase.RETREATING)
+    assert state.run.attempts == attempts + (phase is Phase.RETREATING)
 
 
 def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:

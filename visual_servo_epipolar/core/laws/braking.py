@@ -115,9 +115,7 @@ def _landing_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> 
     What was commanded and has not acted is turned already; 0 where that is unknown.
     """
     late = math.nan if is_late(settings) else goal.response
-    if math.isnan(late):
-        return 0.0
-    if not (settings.turn_gain and settings.options.speed_ramps):
+    if math.isnan(late) or not (settings.turn_gain and settings.options.speed_ramps):
         return 0.0
     now_ns = goal.stamp_ns
     acting = goal.motion.sent.acting(now_ns, now_ns + round(late * NANOSECONDS), late)
