@@ -140,6 +140,18 @@ class CameraSettings(Settings):
             return replace(camera, circle=min(math.radians(0.5 * self.image_circle), WIDEST))
         return camera
 
+    def resized(self, width: int, height: int) -> 'CameraSettings':
+        """Return the settings with the same lens and images of another size, pixels binned."""
+        ratio_u, ratio_v = width / self.width, height / self.height
+        return replace(
+            self,
+            width=width,
+            height=height,
+            focal_length=ratio_u * self.focal_length,
+            principal_u=ratio_u * (self.principal_u + 0.5) - 0.5,
+            principal_v=ratio_v * (self.principal_v + 0.5) - 0.5,
+        )
+
     @property
     def nominal_camera(self) -> CameraModel:
         """The nominal intrinsics, those of the calibration, by which tracker and servo go."""

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import cv2
@@ -182,18 +181,18 @@ CEILING = 'ceiling'  # the usual one: the lamps of the room
 NOON_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=30.0, sun=1.2, sun_from=(-1.0, -0.7, 0.5))
 OPENED = Window((-0.6, 8.0, 2.0), (3.6, 1.4), sky=20.0, normal=(0.0, -1.0, 0.0))
 DUSK_WINDOW = Window((-5.5, 0.2, 1.75), (3.4, 1.6), sky=27.9)
-ROWS = (
-    Light(CEILING, 1.0, 0.75, ceiling=1.9),
-    Light('noon', 1.0, 0.55, sources=(NOON_WINDOW,)),  # daylight, and the sun
-    Light('dusk', 1.0, 0.093, sources=(DUSK_WINDOW,)),
-    Light('lamp_right', 1.0, 0.07, sources=(Lamp((3.8, -0.8, 2.2), 17.0),)),
-    Light('lamp_side', 1.0, 0.055, sources=(Lamp((-5.2, 3.0, 2.3), 16.6),)),
-    Light('dark', 0.25, 0.15, sources=(Lamp((0.0, -9.0, 2.4), 30.0),)),
-    Light('window', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),  # bright, ahead
-)
-LIGHTS: Mapping[str, Light] = MappingProxyType({light.name: light for light in ROWS})
-
-
+LIGHTS: Mapping[str, Light] = {
+    light.name: light
+    for light in (
+        Light(CEILING, 1.0, 0.75, ceiling=1.9),
+        Light('noon', 1.0, 0.55, sources=(NOON_WINDOW,)),  # daylight, and the sun
+        Light('dusk', 1.0, 0.093, sources=(DUSK_WINDOW,)),
+        Light('lamp_right', 1.0, 0.07, sources=(Lamp((3.8, -0.8, 2.2), 17.0),)),
+        Light('lamp_side', 1.0, 0.055, sources=(Lamp((-5.2, 3.0, 2.3), 16.6),)),
+        Light('dark', 0.25, 0.15, sources=(Lamp((0.0, -9.0, 2.4), 30.0),)),
+        Light('window', 1.0, 0.75, ceiling=1.9, sources=(OPENED,)),  # bright, ahead
+    )
+}
 DAY = ('noon', 'ceiling', 'dusk', 'lamp_right', 'lamp_side')
 EACH = 'each'  # one of DAY, by the seed
 UNCHANGED = -1  # in place of the seed of what changed
@@ -239,8 +238,6 @@ class LightSettings(Settings):
 
 
 STOP = 12  # steps in which the exposure is set, a factor of two [1]
-LEAST = -6 * STOP  # the shortest exposure: 1/64 of the fixed one
-MOST_STEPS = STOP // 4  # from one image to the next
 HYSTERESIS = 2  # steps off the target at which the exposure begins to follow
 SPACING = 4  # of the pixels that are metered [px]
 WHITE = 255  # of a window: what is drawn so is GLARE times as bright, however short the exposure
@@ -285,8 +282,8 @@ class Exposure:
         off = STOP * math.log2(100.0 / max(float(cv2.mean(taken)[0]), 1.0))  # mean grey
         if abs(off) < HYSTERESIS:
             return steps
-        step = min(max(round(off), -MOST_STEPS), MOST_STEPS)
-        return min(max(steps + step, LEAST), 2 * STOP)  # four times the fixed one
+        step = min(max(round(off), -STOP // 4), STOP // 4)
+        return min(max(steps + step, -6 * STOP), 2 * STOP)  # of 1/64 to four times the fixed one
 
 
 def brightened(image: Image, factor: float, *, glare: bool = False) -> Image:

@@ -22,7 +22,6 @@ from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
 
-RUN_STREAM = 6  # keeps the seeds of the runs apart from other draws of one seed
 # Runs handed to a worker at a time, whose results are kept when all of them are there.
 CHUNK = {'features': 64, 'images': 1}
 CHUNKS_A_WORKER = 4  # at least, so that no worker waits long for the last one
@@ -68,7 +67,8 @@ class SweepPlan:
 
     def run_seed(self, index: int) -> int:
         """Return the seed of run number ``index``, from 0 to 2^31 - 1, which all laws share."""
-        words = np.random.SeedSequence((self.seed, RUN_STREAM, index)).generate_state(1)
+        # 6 keeps it apart from other draws of one seed.
+        words = np.random.SeedSequence((self.seed, 6, index)).generate_state(1)
         return int(words[0] >> 1)
 
     def scenario_of(self, law: str, index: int) -> Scenario:

@@ -6,15 +6,13 @@ from pathlib import Path
 import subprocess
 
 PACKAGE = Path(__file__).resolve().parents[1]
-LAYERS = ('core', 'simulation', 'sweeping')  # these layers make the runs what they are
-GIT_SECONDS = 5.0
 
 
 @cache
 def digest() -> str:
     """Return twelve digits that change when the code of a run changes."""
     digester = hashlib.sha256()
-    for layer in LAYERS:
+    for layer in ('core', 'simulation', 'sweeping'):  # they make the runs what they are
         for path in sorted((PACKAGE / layer).rglob('*.py')):
             digester.update(path.relative_to(PACKAGE).as_posix().encode())
             digester.update(hashlib.sha256(path.read_bytes()).digest())
@@ -37,7 +35,7 @@ def _git(*arguments: str) -> str | None:
             ['git', '-C', str(PACKAGE), *arguments],
             capture_output=True,
             text=True,
-            timeout=GIT_SECONDS,
+            timeout=5.0,
             check=True,
         )
     except (OSError, subprocess.SubprocessError):

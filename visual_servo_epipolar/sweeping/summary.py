@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 import math
 import re
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ SAFETY = {
     'reversals_w': 'w',
 }
 ARRIVALS = ('arrived', 'wrong')  # by what the robot reports
-Z = 1.959963984540054  # of the standard normal: 95 % lie within
+Z = NormalDist().inv_cdf(0.975)  # 95 % lie within
 Interval = tuple[float, float]
 
 

@@ -7,37 +7,25 @@ import os
 from pkgutil import resolve_name
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import (
-    add_flags,
-    add_json,
-    add_seed,
-)
+from visual_servo_epipolar.commands.arguments import add_flags, add_json, add_seed
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.outputs import write_json
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
-# Each row names a module, or a name in one, with run(*, seed, quick, say) -> document and
-# table(document) -> text.
-HERE = 'visual_servo_epipolar.evaluation.benchmarks'
+# Each is a module with run(*, seed, quick, say) -> document and table(document) -> text.
 BENCHMARKS: Mapping[str, str] = {
-    'estimation': f'{HERE}.estimation',
-    'tracking': f'{HERE}.tracking',
-    'laws': f'{HERE}.laws',
-    'latency': f'{HERE}.latency',
-    'calibration': f'{HERE}.calibration',
-    'ablation': f'{HERE}.ablation',
-    'consistency': f'{HERE}.consistency',
-    'mounts': f'{HERE}.mounts',
-    'real': f'{HERE}.real',
-    'routes': f'{HERE}.routes',
-    'report': f'{HERE}.report',
+    name: f'visual_servo_epipolar.evaluation.benchmarks.{name}'
+    for name in (
+        *('estimation', 'tracking', 'laws', 'latency', 'calibration', 'ablation', 'consistency'),
+        *('mounts', 'real', 'routes', 'report'),
+    )
 }
 # Too long to be run unless they are named: what reads the FOLDER after the name of such a
 # benchmark, by the option of its run that it becomes.
 FOLDERS = {
-    'real': ('photographs', f'{HERE}.real:read_pairs'),
-    'routes': ('clips', f'{HERE}.routes:read_clips'),
+    'real': ('photographs', f'{BENCHMARKS["real"]}:read_pairs'),
+    'routes': ('clips', f'{BENCHMARKS["routes"]}:read_clips'),
     'report': ('out', 'builtins:str'),
 }
 

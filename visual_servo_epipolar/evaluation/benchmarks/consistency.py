@@ -34,8 +34,7 @@ from visual_servo_epipolar.sweeping.plan import Run, run_of
 from visual_servo_epipolar.sweeping.provenance import commit
 
 SCENARIOS, LAWS = ('nominal', 'realistic', 'harsh', 'cheap'), ('full', 'smooth')
-STARTS, QUICK_STARTS = 12, 1
-WORLD_STREAM = 8  # keeps the worlds apart from other draws of one seed
+STARTS = 12
 PARTS = {'nees': [0, 1, 2], 'offset': [0, 1], 'heading': [2]}
 COLUMNS: Columns = {
     'scenario': lambda row: str(row['scenario']),
@@ -49,7 +48,7 @@ COLUMNS: Columns = {
 
 def drawn(scenario: Scenario, seed: int) -> Scenario:
     """Return the scenario with a mount about its own and a slip, drawn as the servo expects."""
-    rng = np.random.default_rng((seed, WORLD_STREAM))
+    rng = np.random.default_rng((seed, 8))  # 8: apart from other draws of one seed
     yaw, forward, left, way = rng.standard_normal(4).tolist()
     camera, servo = scenario.camera, scenario.servo
     camera = replace(
@@ -94,7 +93,7 @@ def ratios_of_run(settings: Run) -> Iterator[list[float]]:
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Drive from the same starts in each scenario, by each law, and return a row for each."""
-    starts, rows = QUICK_STARTS if quick else STARTS, []
+    starts, rows = 1 if quick else STARTS, []
     for name in SCENARIOS[: 1 if quick else None]:
         for law in LAWS:
             scenario = load(scenario_path(name)).with_servo({'law': law})

@@ -53,18 +53,8 @@ FRAME_ID = 'camera_optical_frame'
 START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
 LEAD, LEAD_RATE = 10, 10.0  # images at rest before a run, in which the tracker finds the goal
 FULL = CameraSettings(frame_rate=30.0)
-HALF = replace(
-    FULL,
-    width=640,
-    height=480,
-    focal_length=FULL.focal_length / 2.0,
-    principal_u=319.5,
-    principal_v=239.5,
-    frame_rate=60.0,
-)
+HALF = replace(FULL.resized(640, 480), frame_rate=60.0)
 TURNS, TURN_S, QUICK_TURN_S = 6, 10.0, 4.0  # of a row: a run is shown again and again [s]
-LATENCIES = 'size and rate | p50 | p99 | p99.9 | images | drops'
-COSTS = 'size and rate | process | processor ms a frame | memory MB'
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 Process = subprocess.Popen[bytes]
@@ -304,9 +294,9 @@ def table(document: Mapping[str, Any]) -> str:
         [
             f'Latency, image on the wire to twist on the wire; {words}',
             '',
-            *aligned(LATENCIES, map(_latencies, rows)),
+            *aligned('size and rate | p50 | p99 | p99.9 | images | drops', map(_latencies, rows)),
             '',
-            *aligned(COSTS, costs, left=2),
+            *aligned('size and rate | process | processor ms a frame | memory MB', costs, left=2),
         ]
     )
 

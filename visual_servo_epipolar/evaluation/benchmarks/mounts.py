@@ -135,7 +135,6 @@ def on_features(*, quick: bool = False) -> Iterator[MountCell]:
         yield MountCell(group='lens', name=f'{lens}, {mount}', mount=mount, camera=camera)
 
 
-REGION, LAW = 'front', 'full'
 STARTS, QUICK_STARTS = 64, 8
 LONGEST_S = 180.0  # of a run: with a level camera it takes 35 s
 GROUPS = {
@@ -163,10 +162,10 @@ def drive(
 ) -> dict[str, Any]:
     """Return the document of ``cells``: a row each."""
     rows = [
-        (asdict(cell), sweep(REGION, starts, LAW, cell.scenario(LONGEST_S), seed))
+        (asdict(cell), sweep('front', starts, 'full', cell.scenario(LONGEST_S), seed))
         for cell in cells
     ]
-    return measure(rows, say, region=REGION, starts=starts, seed=seed, longest_s=LONGEST_S)
+    return measure(rows, say, region='front', starts=starts, seed=seed, longest_s=LONGEST_S)
 
 
 def table(document: Mapping[str, Any]) -> str:

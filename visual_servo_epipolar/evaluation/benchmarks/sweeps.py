@@ -23,6 +23,8 @@ ARRIVALS: Columns = {
 }
 TIME: Columns = {'time [s]': lambda row: number(row['duration_s']['median'], 0)}
 
+LONGEST_S = 120.0  # of a run: law full needs 30 s in front and at most 100 s beside [s]
+
 Key = Mapping[str, Any]
 
 

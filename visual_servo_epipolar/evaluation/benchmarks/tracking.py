@@ -146,15 +146,7 @@ class TrackingPlan:
 QUICK = TrackingPlan(
     scenes=SCENES[:1],
     frames=40,
-    camera=CameraSettings(
-        width=640,
-        height=480,
-        focal_length=384.6,
-        principal_u=319.5,
-        principal_v=239.5,
-        noise=2.0,
-        gain_drift=0.05,
-    ),
+    camera=TrackingPlan().camera.resized(640, 480),
 )
 
 

@@ -228,9 +228,6 @@ def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
     }
 
 
-HEAD = 'fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s]'
-
-
 def table(document: Mapping[str, Any]) -> str:
     """Return a campaign as Markdown: one row a fault, then each unsafe run."""
     names = [*FAULTS]
@@ -241,7 +238,8 @@ def table(document: Mapping[str, Any]) -> str:
         f'{document["safe"]} safe, {document["unsafe"]} unsafe.'
     )
     offences = [f'- {offence(run)}' for run in results if not run['safe']]
-    lines = [words, '', *markdown(HEAD, rows)]
+    head = 'fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s]'
+    lines = [words, '', *markdown(head, rows)]
     return '\n'.join([*lines, '', 'Unsafe:', '', *offences] if offences else lines)
 
 

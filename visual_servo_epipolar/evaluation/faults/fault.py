@@ -9,6 +9,7 @@ import math
 from typing import Any, Concatenate, ParamSpec
 
 import numpy as np
+from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.estimate.map_state import LEAST_CARRIED
@@ -25,7 +26,6 @@ from visual_servo_epipolar.evaluation.faults.world import (
     Envelope,
     Filter,
     ImageOrigin,
-    WARNING,
     World,
 )
 from visual_servo_epipolar.messages import read
@@ -84,7 +84,7 @@ class Witness:
         record.why += [
             text
             for time_ns, _, severity, text in self._wire.logs
-            if severity >= WARNING and time_ns >= self.struck_ns
+            if severity >= LoggingSeverity.WARN and time_ns >= self.struck_ns
         ]
         if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
             record.why.append(f'{SERVO} is gone, or hangs')

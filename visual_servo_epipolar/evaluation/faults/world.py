@@ -63,7 +63,6 @@ Filter = Callable[[Envelope], Iterable[Envelope]]
 
 HOP_NS = 2_000_000  # a message is under way that long where nothing is wrong
 BEGIN_NS = 1_000 * NANOSECONDS  # of the steady clock
-WARNING = 30  # severity of a log
 
 Delivery = Callable[[Node, Envelope], None]
 Latched = DurabilityPolicy.TRANSIENT_LOCAL
@@ -248,7 +247,6 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
 
 
 BASE_RATE = 50.0  # [Hz]
-WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 
 
 NODES: Mapping[str, type[Any]] = {
@@ -367,13 +365,4 @@ def open_world(settings: WorldSettings) -> Iterator[World]:
 
 def small_camera(seed: int) -> CameraSettings:
     """Return the default camera with 4x4 pixels binned."""
-    full = CameraSettings()
-    ratio_u, ratio_v = WIDTH / full.width, HEIGHT / full.height
-    return CameraSettings(
-        width=WIDTH,
-        height=HEIGHT,
-        focal_length=ratio_u * full.focal_length,
-        principal_u=ratio_u * (full.principal_u + 0.5) - 0.5,
-        principal_v=ratio_v * (full.principal_v + 0.5) - 0.5,
-        seed=seed,
-    )
+    return CameraSettings(seed=seed).resized(320, 256)

@@ -94,7 +94,6 @@ ROTATION_STEP_S = 0.05
 TRANSLATION_STEP_S = 1.0
 LONGEST_RUN_S = 5000.0
 FARTHEST_M = 100.0
-FINAL_DIFFERENCE = 1e-9  # |D| at which the second step ends [m^2]
 
 State = FloatArray  # x, y [m], theta [rad], d_hat [m]
 
@@ -105,7 +104,8 @@ class Case:
     One simulation: the parameters of section VII. Lengths in m, angles in rad.
 
     ``sign`` is the sigma of the law: 'printed' sign(e_au e_du), 'cheirality' the vote of the
-    points at every instant, 'held' their vote at the start.
+    points at every instant, 'held' their vote at the start. A step ends where epipoles [m] or |D|
+    [m^2] are within the ``tolerance``.
     """
 
     name: str
@@ -196,7 +196,7 @@ class Simulation:
     def _translate(self, instants: list[Instant]) -> str:
         """Drive straight until the features match (21)."""
         instants.append(self._second(instants[-1].time, _state(instants[-1])))
-        while abs(instants[-1].difference) > FINAL_DIFFERENCE:
+        while abs(instants[-1].difference) > self.case.tolerance:
             instants.append(self._after(instants[-1], TRANSLATION_STEP_S, self._second))
             if instants[-1].time > LONGEST_RUN_S:
                 return f'not there after {LONGEST_RUN_S:.0f} s'

@@ -43,7 +43,6 @@ from visual_servo_epipolar.report.style import (
 FIRST, SECOND = phase_colour('zeroing_epipoles'), phase_colour('matching_features')
 TRANSIENT = 1.3  # of the time at which e_du is zero: what the close-ups show
 SHOWN_S = 12.0  # of the first step on a linear scale: later everything is zero to the eye
-MILLI = 1000.0
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -57,8 +56,8 @@ def epipoles(course: Course, number: int) -> Figure:
         (course.column('reading.e_desired', 1), DESIRED_COLOUR, 'desired $e_{du}$'),
     )
     for values, colour, name in lines:
-        whole.plot(time, MILLI * values, color=colour, label=name)
-        close.plot(time, MILLI * values, color=colour, label=name)
+        whole.plot(time, 1e3 * values, color=colour, label=name)
+        close.plot(time, 1e3 * values, color=colour, label=name)
         logarithmic.plot(time, np.abs(values), color=colour, label=name)
     for axes in (whole, close):
         label(axes, 'time [s]', 'epipole [mm]')
@@ -139,13 +138,13 @@ def feature_motion(course: Course, number: int) -> Figure:
     camera = PointCamera(course.case.focal, course.case.focal_guess)
     images = np.stack([camera.image(instant.pose) for instant in course.instants])
     steps = course.column('time'), np.array([instant.step for instant in course.instants])
-    _draw_tracks(plane, MILLI * images, steps[1])
-    plane.plot(*(MILLI * camera.desired).T, '*', color=DESIRED_COLOUR, ms=9.0, label='desired (*)')
+    _draw_tracks(plane, 1e3 * images, steps[1])
+    plane.plot(*(1e3 * camera.desired).T, '*', color=DESIRED_COLOUR, ms=9.0, label='desired (*)')
     plane.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
     label(plane, 'u [mm]', 'v [mm]')
     plane.invert_yaxis()
     plane.set_aspect('equal', adjustable='datalim')
-    apart = MILLI * np.linalg.norm(images - camera.desired, axis=2).mean(axis=1)
+    apart = 1e3 * np.linalg.norm(images - camera.desired, axis=2).mean(axis=1)
     for step, colour, name in ((1, FIRST, 'first step'), (2, SECOND, 'second step')):
         rows = steps[1] == step
         gap.plot(steps[0][rows] + 0.1, apart[rows], color=colour, label=name)
@@ -170,8 +169,7 @@ def second_step(course: Course, name: str) -> tuple[FloatArray, FloatArray]:
     return time - time[0], course.column(name, 2)
 
 
-SAME = 1e-6  # courses closer than this are one [m]
-STRAIGHT = 1e-6  # off the y axis [m]
+SAME = 1e-6  # courses closer than this are one, poses on the y axis [m]
 
 
 def claims_1(runs: Simulation1) -> list[Statement]:
@@ -288,7 +286,7 @@ def _to_the_axis(place: str, course: Course) -> Statement:
         f'the robot comes to the y axis, aligned; {NO_NUMBER}',
         f'at ({pose.x:.0e}, {pose.y:.4f}) m, heading error '
         f'{math.degrees(pose.heading_error):.0e} deg',
-        abs(pose.x) < STRAIGHT and abs(pose.heading_error) < STRAIGHT,
+        abs(pose.x) < SAME and abs(pose.heading_error) < SAME,
     )
 
 
@@ -342,9 +340,7 @@ def _second_step(course: Course) -> list[Statement]:
             'the second step is a translation to the desired configuration',
             f'off the y axis by {np.abs(course.column("pose.x", 2)).max():.0e} m at most, ends '
             f'{1e6 * distances[-1]:.0f} um from the goal',
-            bool(
-                np.abs(course.column('pose.x', 2)).max() < STRAIGHT and course.outcome == 'arrived'
-            ),
+            bool(np.abs(course.column('pose.x', 2)).max() < SAME and course.outcome == 'arrived'),
         ),
     ]
 

@@ -14,13 +14,12 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.bases import Nod
-from visual_servo_epipolar.simulation.rendering.raster import draw, NEAR, PinholeView
+from visual_servo_epipolar.simulation.rendering.raster import draw, MARGIN, NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import exposed_from, SimulatedRig
 from visual_servo_epipolar.simulation.sensor import CameraMotion, in_image, MAX_RAY, Shutter, STILL
 
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
-BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
 # Axes right, down, forward of each face in those of the camera, as columns.
 AXES = {
     'ahead': ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
@@ -176,8 +175,9 @@ def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatA
     ahead = np.where(inside[..., None], directions, [0.0, 0.0, 1.0])
     ideal = ahead[..., :2] / ahead[..., 2:] * [camera.fx, camera.fy]
     ends = ideal[inside]
-    origin = np.floor(ends.min(axis=0)) - BORDER
-    size = (np.ceil(ends.max(axis=0)) - origin + BORDER + 1.0).astype(int).tolist()
+    border = MARGIN + 1.0  # the sampling reaches four pixels out
+    origin = np.floor(ends.min(axis=0)) - border
+    size = (np.ceil(ends.max(axis=0)) - origin + border + 1.0).astype(int).tolist()
     cx, cy = (-origin).tolist()
     intrinsics = np.array([[camera.fx, 0.0, cx], [0.0, camera.fy, cy], [0.0, 0.0, 1.0]])
     maps = (ideal - origin).astype(np.float32)

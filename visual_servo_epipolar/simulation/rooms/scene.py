@@ -24,7 +24,6 @@ from visual_servo_epipolar.simulation.rooms.building import (
 from visual_servo_epipolar.simulation.rooms.storey import storey_builder, storey_look
 
 STOREY = 'storey'  # of a building, in the coordinates of its plan
-KEPT = 3  # lights by which a room is kept
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
 Look = Callable[[Builder, Light, int], Scene]
@@ -116,7 +115,7 @@ def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
         light = light.in_room(end)  # it never changes
         return Scene((*builder.surfaces(light), *panes(light.sources)))
 
-    return PaintedRoom(builder, look, KEPT)
+    return PaintedRoom(builder, look, 3)  # a photograph's, a run's, another's
 
 
 def _cell(builder: Builder) -> FloorCell:
