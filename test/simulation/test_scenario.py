@@ -41,12 +41,7 @@ def test_an_empty_file_is_the_nominal_scenario(tmp_path: Path, text: str) -> Non
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
     scenario = load(written(tmp_path, 'base:\n  slip: 0.1\nservo: {law: paper, k1: 1}\n'))
     assert (scenario.base.slip, scenario.servo.law, scenario.servo.k1) == (0.1, 'paper', 1.0)
-    assert (scenario.camera, scenario.points, scenario.tracker, scenario.run) == (
-        Scenario().camera,
-        Scenario().points,
-        Scenario().tracker,
-        Scenario().run,
-    )
+    assert replace(scenario, base=Scenario().base, servo=Scenario().servo) == Scenario()
 
 
 @pytest.mark.parametrize(
@@ -70,14 +65,8 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ('servo: {law: best}', 'bad.yaml: servo: law must be one of paper, corrected, full'),
         ('servo: {finite_time: 1}', 'bad.yaml: servo: finite_time must be bool, got 1'),
         ('servo: {latch_engage: 0.2}', 'bad.yaml: servo: latch_engage must not exceed'),
-        (
-            'base: {model: cart}',
-            "bad.yaml: base: model must be one of pioneer, ackermann, got 'cart'",
-        ),
-        (
-            'camera: {rig: [1]}',
-            r'bad.yaml: camera: rig must be one of fixed, pan_tilt, got \[1\]',
-        ),
+        ('base: {model: cart}', "base: model must be one of pioneer, ackermann, got 'cart'"),
+        ('camera: {rig: [1]}', r'camera: rig must be one of fixed, pan_tilt, got \[1\]'),
         ('base: {slip: 2001-01-01}', 'bad.yaml: base: slip must be float'),
         pytest.param(
             f'base: {{slip: 1{"0" * 400}}}', 'bad.yaml: base: slip must lie in', id='huge'
@@ -224,11 +213,6 @@ WORSE = {
 }
 
 
-def test_a_seed_reaches_sensor_and_servo() -> None:
-    seeded = Scenario().seeded(7)
-    assert (seeded.camera.seed, seeded.servo.seed) == (7, 7)
-
-
 def test_servo_settings_can_be_changed_on_top_and_a_bad_one_is_refused() -> None:
     scenario = from_document({'servo': {'k1': 0.5}}, 'test').with_servo({'law': 'paper'})
     assert (scenario.servo.k1, scenario.servo.law) == (0.5, 'paper')
@@ -238,9 +222,10 @@ def test_servo_settings_can_be_changed_on_top_and_a_bad_one_is_refused() -> None
 
 def test_a_run_takes_over_what_the_scenario_says() -> None:
     scenario = from_document({'run': {'max_duration': 20}, 'base': {'slip': 0.1}}, 'test')
-    loop = scenario.loop((1.0, -3.0, 5.0), 4)
+    loop, seeded = scenario.loop((1.0, -3.0, 5.0), 4), scenario.seeded(7)
     assert (loop.start, loop.seed, loop.max_duration) == ((1.0, -3.0, 5.0), 4, 20.0)
     assert (loop.base, loop.servo) == (scenario.base, scenario.servo)
+    assert (seeded.camera.seed, seeded.servo.seed) == (7, 7)
 
 
 def test_a_file_of_one_node_says_nothing_to_the_other(tmp_path: Path) -> None:

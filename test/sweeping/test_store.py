@@ -190,14 +190,14 @@ def test_a_run_that_reports_arrival_elsewhere_is_wrong(tmp_path, changes, is_wro
     assert summary(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
 
 
-def test_a_run_that_raised_is_a_defect(tmp_path: Path) -> None:
+def test_what_a_run_lacks_is_no_value_and_one_that_raised_is_a_defect(tmp_path: Path) -> None:
     raised = result(outcome='failed', position_error_m=None, traceback='Traceback ...')
-    assert summary(tmp_path, [raised, FAILED])['defects'] == 1
-
-
-def test_a_run_from_the_goal_has_no_distance_ratio(tmp_path: Path) -> None:
-    document = summary(tmp_path, [result(max_distance_ratio=None), result()])
+    from_goal = {k: v for k, v in result().items() if k != 'wrong_geometry_s'}  # of before
+    runs = [raised, FAILED, from_goal | {'max_distance_ratio': None}, result()]
+    document = summary(tmp_path, [*runs[:3], result(wrong_geometry_s=0.5)])
+    assert document['defects'] == 1
     assert document['max_distance_ratio']['max'] == 1.0
+    assert document['wrong_geometry_s']['max'] == 0.5
 
 
 def test_excursion_and_wrong_geometry_are_those_of_all_runs(tmp_path: Path) -> None:
@@ -205,12 +205,6 @@ def test_excursion_and_wrong_geometry_are_those_of_all_runs(tmp_path: Path) -> N
     document = summary(tmp_path, [result(), lost])
     assert (document['excursion']['max'], document['wrong_geometry_s']['max']) == (5.0, 30.0)
     assert document['max_distance_ratio']['max'] == 1.0
-
-
-def test_runs_of_before_there_was_a_judge_can_be_summed_up(tmp_path: Path) -> None:
-    unjudged = {key: value for key, value in result().items() if key != 'wrong_geometry_s'}
-    document = summary(tmp_path, [unjudged, result(wrong_geometry_s=0.5)])
-    assert document['wrong_geometry_s']['median'] == 0.5
 
 
 def test_only_the_runs_asked_for_are_judged(tmp_path: Path) -> None:

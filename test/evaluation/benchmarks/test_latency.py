@@ -7,20 +7,15 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from small_cameras import SMALL
+
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.benchmarks import latency
 from visual_servo_epipolar.evaluation.benchmarks.latency import Answers, driven
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
-CAMERA = CameraSettings(
-    width=320,
-    height=240,
-    focal_length=192.0,
-    principal_u=159.5,
-    principal_v=119.5,
-    frame_rate=20.0,
-)
+CAMERA = CameraSettings(**SMALL, frame_rate=20.0)
 
 
 def test_an_answer_is_known_by_the_stamp_of_its_image() -> None:

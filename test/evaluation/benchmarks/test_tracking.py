@@ -19,14 +19,7 @@ from visual_servo_epipolar.evaluation.benchmarks.tracking import (
 )
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 
-CAMERA = replace(
-    tracking.QUICK.camera,
-    width=320,
-    height=240,
-    focal_length=192.0,
-    principal_u=159.5,
-    principal_v=119.5,
-)
+CAMERA = tracking.QUICK.camera.resized(320, 240)
 BEHIND = Pose(0.2, -1.5, DESIRED_POSE.theta + 0.05)
 
 

@@ -119,15 +119,12 @@ def test_without_commands_the_watchdog_stops_the_base() -> None:
     assert robot.twist == STANDSTILL
 
 
-def test_commands_that_keep_coming_keep_the_base_going() -> None:
-    robot = base(command_timeout=0.2)
-    for _ in range(50):
-        driven(robot, Twist(0.3, 0.0), 0.19)
+@pytest.mark.parametrize(('timeout', 'seconds'), [(0.2, 0.19), (0.0, 60.0)])
+def test_commands_in_time_or_no_timeout_keep_the_base_going(timeout, seconds) -> None:
+    robot = base(command_timeout=timeout)
+    for _ in range(10):
+        driven(robot, Twist(0.3, 0.0), seconds)
     assert robot.twist.linear == pytest.approx(0.3)
-
-
-def test_a_timeout_of_zero_never_stops_the_base() -> None:
-    assert driven(base(), Twist(0.3, 0.0), 60.0).twist.linear == pytest.approx(0.3)
 
 
 def test_halt_forgets_what_is_pending_and_brakes() -> None:
@@ -138,27 +135,25 @@ def test_halt_forgets_what_is_pending_and_brakes() -> None:
     assert robot.twist == STANDSTILL
 
 
-@pytest.mark.parametrize(('linear', 'angular'), [(0.049, 0.0), (0.0, -0.099), (-0.049, 0.099)])
-def test_the_motors_stand_in_their_dead_zone(linear: float, angular: float) -> None:
-    robot = base(dead_zone_linear=0.05, dead_zone_angular=0.1)
-    assert driven(robot, Twist(linear, angular), 2.0).pose == START
-
-
-def test_each_motor_command_has_its_own_dead_zone() -> None:
-    robot = driven(base(dead_zone_linear=0.05, dead_zone_angular=0.1), Twist(0.051, 0.099), 2.0)
-    assert (robot.twist.linear, robot.twist.angular) == (pytest.approx(0.051), 0.0)
+@pytest.mark.parametrize(
+    ('commanded', 'moves'),
+    [
+        ((0.049, 0.0), (0.0, 0.0)),
+        ((0.0, -0.099), (0.0, 0.0)),
+        ((-0.049, 0.099), (0.0, 0.0)),
+        ((0.051, 0.099), (0.051, 0.0)),
+    ],
+)
+def test_motors_stand_each_in_its_dead_zone(commanded, moves) -> None:
+    robot = driven(base(dead_zone_linear=0.05, dead_zone_angular=0.1), Twist(*commanded), 2.0)
+    assert (robot.twist.linear, robot.twist.angular) == pytest.approx(moves)
 
 
 @pytest.mark.parametrize('linear', [0.3, -0.3])
-def test_a_larger_right_wheel_curves_to_the_left(linear: float) -> None:
-    robot = driven(base(wheel_ratio=1.05), Twist(linear, 0.0), 3.0)
-    assert robot.twist.angular * linear > 0.0
-    assert driven(base(wheel_ratio=0.95), Twist(linear, 0.0), 3.0).twist.angular * linear < 0.0
-
-
-def test_unequal_wheels_turn_by_their_difference_over_the_track() -> None:
-    robot = driven(base(wheel_ratio=1.01, track=0.33), Twist(0.3, 0.0), 3.0)
-    difference = 0.3 * (math.sqrt(1.01) - 1.0 / math.sqrt(1.01))
+@pytest.mark.parametrize('ratio', [1.01, 0.95])  # a larger right wheel curves to the left
+def test_unequal_wheels_turn_by_their_difference_over_the_track(linear, ratio) -> None:
+    robot = driven(base(wheel_ratio=ratio, track=0.33), Twist(linear, 0.0), 3.0)
+    difference = linear * (math.sqrt(ratio) - 1.0 / math.sqrt(ratio))
     assert robot.twist.angular == pytest.approx(difference / 0.33)
 
 

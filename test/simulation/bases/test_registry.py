@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from small_cameras import sized
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import (
@@ -70,21 +71,11 @@ def test_a_scenario_tells_bases_apart_by_name() -> None:
     scenario = from_document({'base': {'model': 'ideal'}}, 'test')
     assert scenario.base == IdealSettings()
     assert scenario.document()['base'].items() > {'gain': 1.0, 'model': 'ideal'}.items()
+    usual = {'base': {'model': 'pioneer'}, 'camera': {'rig': 'fixed'}}
+    assert from_document(usual, 'test') == Scenario()
 
 
-def test_the_base_is_a_pioneer_by_default() -> None:
-    assert from_document({'base': {'model': 'pioneer'}}, 'test') == Scenario()
-    assert Scenario().document()['base']['model'] == 'pioneer'
-
-
-SMALL = {
-    'width': 160,
-    'height': 120,
-    'focal_length': 96.0,
-    'principal_u': 79.5,
-    'principal_v': 59.5,
-    'noise': 0.0,
-}
+SMALL = {**sized(160, 120, 96.0, 79.5, 59.5), 'noise': 0.0}
 LEFT_TURNED = replace(DESIRED_POSE, theta=DESIRED_POSE.theta + math.radians(30.0))
 
 
@@ -137,4 +128,3 @@ def test_points_are_seen_through_the_rig_of_the_scenario(panned: Scenario) -> No
 
 def test_a_scenario_names_its_rig(panned: Scenario) -> None:
     assert panned.document()['camera']['rig'] == 'panned'
-    assert from_document({'camera': {'rig': 'fixed'}}, 'test') == Scenario()

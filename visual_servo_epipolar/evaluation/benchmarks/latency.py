@@ -35,6 +35,7 @@ from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.run import isolated_context, new_executor, spin_once
+from visual_servo_epipolar.nodes.startup.settings import CameraRig
 from visual_servo_epipolar.processes import ONE_THREAD
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.cameras import CameraSettings
@@ -49,12 +50,11 @@ NODES: Mapping[str, Sequence[str]] = {
     'servo_node': (*RELIABLE, '-p', 'autostart:=true', '-p', 'enable_stamped_cmd_vel:=true'),
 }
 START_S = 60.0  # in which nodes start and answer
-FRAME_ID = 'camera_optical_frame'
 START = (1.0, -3.5, 8.0)  # x, y [m], heading error [deg]; it takes half a minute from there
 LEAD, LEAD_RATE = 10, 10.0  # images at rest before a run, in which the tracker finds the goal
 FULL = CameraSettings(frame_rate=30.0)
 HALF = replace(FULL.resized(640, 480), frame_rate=60.0)
-TURNS, TURN_S, QUICK_TURN_S = 6, 10.0, 4.0  # of a row: a run is shown again and again [s]
+TURNS, TURN_S = 6, 10.0  # of a row: a run is shown again and again [s]
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 Process = subprocess.Popen[bytes]
@@ -144,7 +144,7 @@ class PlayedCamera:
 
     def show_goal(self, photograph: Pixels, images: Sequence[Pixels]) -> None:
         """Publish the photograph, and ``images`` until the servo answers to them."""
-        self._desired_pub.publish(write.image(photograph, 'mono8', 0, FRAME_ID))
+        self._desired_pub.publish(write.image(photograph, 'mono8', 0, CameraRig.camera_frame))
         deadline = time.monotonic() + START_S
         while not self.show(images, LEAD_RATE, Answers()).latencies:
             if time.monotonic() > deadline:
@@ -177,8 +177,8 @@ class PlayedCamera:
         image = image.copy()
         # No camera takes the very same image twice, and the servo does not drive by one.
         image[0, :4] = list(next(self._numbers).to_bytes(4, 'big'))
-        message = write.image(image, 'mono8', stamp_ns, FRAME_ID)
-        self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
+        message = write.image(image, 'mono8', stamp_ns, CameraRig.camera_frame)
+        self._info_pub.publish(write.camera_info(self._camera, stamp_ns, CameraRig.camera_frame))
         self._answers.sent[stamp_ns] = time.monotonic()
         self._image_pub.publish(message)
 
@@ -211,7 +211,7 @@ def driven(settings: CameraSettings, seconds: float) -> DrivenRun:
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Return the document: for each size of image latency, drops and costs."""
-    sizes, turns, turn_s = ((HALF,), 1, QUICK_TURN_S) if quick else ((HALF, FULL), TURNS, TURN_S)
+    sizes, turns, turn_s = ((HALF,), 1, 4.0) if quick else ((HALF, FULL), TURNS, TURN_S)
     return {'rows': [_row(replace(size, seed=seed), turns, turn_s, say) for size in sizes]}
 
 

@@ -38,7 +38,7 @@ from visual_servo_epipolar.sweeping.summary import quantile
 CLOSE = 0.05  # distance at which directions change fast [m]
 APPROACH, TURN, ALIGN = 0.3, 1.0, 1.5  # polar law: g and k [1/s], weight h of the final heading
 MATCHED_PX, MATCHED_FRAMES = 0.7, 5  # median feature error at which a peer has arrived
-STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for five seconds
+STILL, STILL_FRAMES = 1e-3, 55  # speed at which it stands [m/s, rad/s], for five seconds
 NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
 
 
@@ -66,7 +66,7 @@ def as_step(law: Callable[[], Twist]) -> Control:
             state = state.changed(run_start_ns=state.run.run_start_ns or seen.stamp_ns)
         error = seen.feature_error * seen.focal
         twist = saturate(law(), max_linear=settings.max_linear, max_angular=settings.max_angular)
-        stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
+        stands = max(abs(twist.linear), abs(twist.angular)) < STILL
         still = still + 1 if stands else 0
         settled = state.settling.settled + 1 if error <= MATCHED_PX else 0
         if settled >= MATCHED_FRAMES or (still >= STILL_FRAMES and error <= NEAR_PX):
@@ -157,8 +157,7 @@ def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraM
 
 
 REGIONS = ('front', 'beside')
-OURS = ('full', 'smooth')
-LAWS = (*OURS, *POSE_LAWS)
+LAWS = ('full', 'smooth', *POSE_LAWS)
 STARTS = 20
 COLUMNS: Columns = {
     'region': itemgetter('region'),
@@ -207,10 +206,10 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
     """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
     scenario = within(Scenario().seeded(seed), LONGEST_S)
-    if law in OURS:
+    if law not in POSE_LAWS:
         scenario = scenario.with_servo({'law': law})
     loop, view = scenario.loop(start, seed), points_of(scenario, seed)
-    if law in OURS:
+    if law not in POSE_LAWS:
         log = Loop(loop, view, scenario.camera.camera).run()
     else:
         log = drive_by_pose(law, loop, view, scenario.camera.camera)

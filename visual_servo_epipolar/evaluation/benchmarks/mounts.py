@@ -78,7 +78,6 @@ WORSE = (
     CameraPlace(tilt=30.0, roll=10.0, yaw=10.0, ahead=0.3, aside=0.1),
     CameraPlace(tilt=-30.0, roll=-10.0, yaw=-10.0, ahead=0.3, aside=-0.1),
 )
-QUICK = (LEVEL, CameraPlace(tilt=6.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +119,7 @@ def camera_of_size(width: int, height: int) -> dict[str, Any]:
 def on_features(*, quick: bool = False) -> Iterator[MountCell]:
     """Yield the cells that are driven on point features."""
     if quick:
-        yield from (of_mount('attitude', mount) for mount in QUICK)
+        yield from (of_mount('attitude', mount) for mount in (LEVEL, CameraPlace(tilt=6.0)))
         return
     for roll, tilt in product(ROLLS, TILTS):
         yield of_mount('attitude', CameraPlace(tilt=tilt, roll=roll))

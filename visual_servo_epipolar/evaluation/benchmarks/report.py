@@ -17,7 +17,6 @@ from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.sweeping.provenance import commit
 
-PAGE = 'results.md'
 # Exit codes; others are those of a judged run.
 UNFINISHED = {BAD_INPUT, *(SIGNALLED + number for number in INTERRUPTS)}
 BOTH = '--compare full,smooth'
@@ -90,7 +89,7 @@ def run(
             write_whole(path, section.encode())
         sections[name] = path.read_text(encoding='utf-8')
     document = {'folder': str(folder), 'sections': sections}
-    write_whole(Path(folder) / PAGE, table(document).encode())
+    write_whole(Path(folder) / 'results.md', table(document).encode())
     return document
 
 

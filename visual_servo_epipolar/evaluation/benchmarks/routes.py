@@ -28,6 +28,7 @@ from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.tracking.matchers.base import RATIO
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.twoview.inspection import inspect
@@ -46,7 +47,6 @@ from visual_servo_epipolar.simulation.routes import RIGHT_OFFSET, RIGHT_WAY
 
 SPEED = 0.5  # largest at which a way is taught [m/s]
 RATE = 10.0  # frames a second, where truth.json has none
-RATIO = 0.8  # of the nearest to the next nearest descriptor, of SIFT's matches (Lowe 2004)
 PEER_PX = 0.3  # with which MAGSAC is right most often on such small images
 WAYS = (
     'way | m | key views | features | found | refused | wrong | position, median / max [m] '

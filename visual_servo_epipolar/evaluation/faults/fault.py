@@ -31,8 +31,6 @@ from visual_servo_epipolar.evaluation.faults.world import (
 from visual_servo_epipolar.messages import read
 
 SERVO, BASE = 'servo_node', 'unicycle_node'
-# Have a reason, or should.
-MUTE = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value, ARMED)
 
 
 class Witness:
@@ -90,7 +88,8 @@ class Witness:
             record.why.append(f'{SERVO} is gone, or hangs')
         if record.stopped_s < math.inf:
             record.why.append('it was commanded to')
-        if record.phase in MUTE and record.reason:
+        standing = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value, ARMED)
+        if record.phase in standing and record.reason:
             record.why.append(record.reason)
         return record
 
@@ -156,9 +155,6 @@ class RunStage(str, Enum):
     BEGIN = 'begin'
     DRIVING = 'driving'
     END = 'end'
-
-
-ALWAYS = (RunStage.BEGIN, RunStage.DRIVING, RunStage.DRIVING, RunStage.DRIVING, RunStage.END)
 
 
 @dataclass(slots=True)

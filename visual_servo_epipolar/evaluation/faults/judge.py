@@ -106,13 +106,13 @@ class RunVerdict(str, Enum):
 SAFE = (RunVerdict.ARRIVED, RunVerdict.AT_REST)
 
 
-MOVING_M_S, MOVING_RAD_S = 1e-3, 1e-3
+MOVING = 1e-3  # [m/s, rad/s]
 ROUNDING = 1e-6  # by which a limit may be exceeded
 
 
 def moving(twist: Twist) -> bool:
     """Return whether a base of this velocity moves."""
-    return abs(twist.linear) > MOVING_M_S or abs(twist.angular) > MOVING_RAD_S
+    return max(abs(twist.linear), abs(twist.angular)) > MOVING
 
 
 def braking_s(twist: Twist, bounds: SafetyBounds) -> float:

@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.fault import (
-    ALWAYS,
     BASE,
     Change,
     driving,
@@ -34,6 +33,7 @@ from visual_servo_epipolar.evaluation.faults.judge import RunVerdict
 from visual_servo_epipolar.evaluation.faults.world import Envelope, HOP_NS, NODES
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
+from visual_servo_epipolar.nodes.startup.settings import CameraRig
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
@@ -160,7 +160,7 @@ def remounted(scene: StruckRun, change: PixelChange) -> None:
 def photographed(scene: StruckRun, pixels: Callable[[CameraSettings, StruckRun], Any]) -> None:
     """Let another publisher send the photograph that ``pixels`` makes with the camera."""
     image = np.ascontiguousarray(pixels(scene.world.settings.camera, scene), np.uint8)
-    message: Any = write.image(image, 'mono8', 0, 'camera_optical_frame')
+    message: Any = write.image(image, 'mono8', 0, CameraRig.camera_frame)
     scene.filter(DESIRED, lambda envelope: [replace(envelope, message=message)], None)
     scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
 
@@ -335,7 +335,8 @@ def _carry(scene: StruckRun) -> None:
     scene.notes.append(scene.world.call('/unicycle_node/reset'))
 
 
-always, at_first = partial(driving, stages=ALWAYS), partial(driving, stages=(RunStage.BEGIN,))
+at_first = partial(driving, stages=(RunStage.BEGIN,))
+always = partial(driving, stages=(RunStage.BEGIN, *[RunStage.DRIVING] * 3, RunStage.END))
 BARREL = lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)
 FISHEYE = lens('equidistant', 0.0, 0.0, 0.0, 0.0)
 TABLE: Mapping[RunVerdict, Mapping[str, Fault]] = {

@@ -246,9 +246,6 @@ def hook_rclpy(wire: Wire) -> Iterator[None]:
         yield
 
 
-BASE_RATE = 50.0  # [Hz]
-
-
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
     'tracker_node': TrackerNode,
@@ -343,7 +340,7 @@ class World:
                 **asdict(it.base),
                 'start': it.start,
                 'seed': it.seed,
-                'rate': BASE_RATE,
+                'rate': 50.0,
                 'frame_rate': it.camera.frame_rate,
             }
         own = {'servo_node': it.servo, 'camera_node': it.camera, 'tracker_node': TrackerSettings()}

@@ -23,7 +23,6 @@ from visual_servo_epipolar.simulation.rooms.building import (
 )
 from visual_servo_epipolar.simulation.rooms.storey import storey_builder, storey_look
 
-STOREY = 'storey'  # of a building, in the coordinates of its plan
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
 Look = Callable[[Builder, Light, int], Scene]
@@ -102,7 +101,7 @@ class PaintedRoom:
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 300 MB, a storey as much
 def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
     """Build a room, in one to two seconds; raises ValueError as ``room`` does."""
-    if kind == STOREY:
+    if kind == 'storey':  # of a building, in the coordinates of its plan
         return PaintedRoom(storey_builder(seed), storey_look, 1)  # small machines hold no two
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
