@@ -7,7 +7,7 @@ import pytest
 from visual_servo_epipolar.files import whole
 
 
-def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path) -> None:
+def test_a_file_is_replaced_when_the_block_ends_and_stays_if_it_raises(tmp_path: Path) -> None:
     path = tmp_path / 'told.txt'
     path.write_text('before')
     with whole(path) as partial:
@@ -15,13 +15,8 @@ def test_a_file_is_replaced_when_the_block_ends(tmp_path: Path) -> None:
         assert path.read_text() == 'before'
     assert path.read_text() == 'after'
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_block_that_raises_leaves_all_as_it_was(tmp_path: Path) -> None:
-    path = tmp_path / 'told.txt'
-    path.write_text('before')
     with pytest.raises(OSError, match='full'), whole(path) as partial:
         partial.write_text('half')
         raise OSError('the disk is full')
-    assert path.read_text() == 'before'
+    assert path.read_text() == 'after'
     assert list(tmp_path.iterdir()) == [path]

@@ -197,25 +197,13 @@ def test_the_demo_equals_the_simulation_in_memory(tmp_path, capsys, scenario) ->
     assert frames >= 20  # two seconds at 11 Hz
 
 
-@pytest.mark.parametrize('name', COMMANDS)
-def test_help_is_plain_text(name: str) -> None:
-    text = COMMANDS[name].format_help()
-    assert '`' not in text
-    assert COMMANDS[name].description[0].isupper()
-
-
-def docstrings(tree: ast.AST) -> set[ast.expr]:
-    """Return the docstrings of a module, and of all that is in it."""
-    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    bodies = [node.body for node in ast.walk(tree) if isinstance(node, kinds)]
-    return {body[0].value for body in bodies if body and isinstance(body[0], ast.Expr)}
-
-
 def test_no_message_has_the_markup_of_docstrings() -> None:
-    remover = PACKAGE / 'commands/main.py'
-    for path in sorted(set(PACKAGE.rglob('*.py')) - {remover}):
-        tree = ast.parse(path.read_text(encoding='utf-8'))
-        for node in set(ast.walk(tree)) - docstrings(tree):
+    for path in sorted(PACKAGE.rglob('*.py')):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding='utf-8'))))
+        documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+        heads = [node.body[0] for node in nodes if isinstance(node, documented) and node.body]
+        docstrings = {head.value for head in heads if isinstance(head, ast.Expr)}
+        for node in set(nodes) - docstrings:
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 assert '``' not in node.value, (path, node.value)
 
@@ -224,7 +212,10 @@ def kinds(kind: type[Settings] = Settings) -> set[type[Settings]]:
     return {kind}.union(*map(kinds, kind.__subclasses__()))
 
 
-def test_descriptions_of_parameters_are_plain_text() -> None:
+def test_help_and_descriptions_of_parameters_are_plain_text() -> None:
+    for name, command in COMMANDS.items():
+        assert '`' not in command.format_help(), name
+        assert command.description[0].isupper(), name
     for kind in kinds():
         for item in getattr(kind, '__dataclass_fields__', {}).values():
             if 'range' in item.metadata:

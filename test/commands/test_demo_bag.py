@@ -12,6 +12,10 @@ from visual_servo_epipolar.commands.main import main
 pytest.importorskip('rclpy')
 
 
+def topics(bag: Path) -> set[str]:
+    return {topic for topic, _, _ in read_back(bag)}
+
+
 def demo(folder: Path, *more: str) -> int:
     """Run a demo of one second into ``folder``; it fails, for that is too short."""
     (folder / 'tiny.yaml').write_text(f'{TINY}run: {{max_duration: 1.0}}')
@@ -19,22 +23,11 @@ def demo(folder: Path, *more: str) -> int:
     return main(['demo', *start, '--no-video', '--out', str(folder / 'out'), *more])
 
 
-def earlier(folder: Path) -> Path:
-    """Leave what an earlier demo has left: a bag, and one that it was killed in."""
-    bag = folder / 'out/bag'
-    (bag / 'bag_7').mkdir(parents=True)
-    for name in ('metadata.yaml', 'bag_0.mcap', 'bag_7/bag_7.mcap'):
-        (bag / name).touch()
-    return bag
-
-
-def topics(bag: Path) -> set[str]:
-    return {topic for topic, _, _ in read_back(bag)}
-
-
 def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_path, capsys) -> None:
-    bag = earlier(tmp_path)
-    (tmp_path / 'out/video.mp4').touch()
+    bag = tmp_path / 'out/bag'  # of an earlier demo, and one that it was killed in
+    (bag / 'bag_7').mkdir(parents=True)
+    for name in ('metadata.yaml', 'bag_0.mcap', 'bag_7/bag_7.mcap', '../video.mp4'):
+        (bag / name).touch()
     assert demo(tmp_path, '--rig', 'car') == 1
     files = ('bag', 'result.json', 'run.json', 'signals.png', 'trajectory.png')
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == list(files)

@@ -24,7 +24,7 @@ def test_another_command_loads_nothing_of_the_evaluation() -> None:
     assert (ended.returncode, ended.stdout.strip()) == (0, ''), ended.stderr
 
 
-@pytest.mark.parametrize('module', [module for module, _ in EVALUATION.values()])
+@pytest.mark.parametrize('module', [module for _, module in EVALUATION.values()])
 def test_each_of_its_commands_is_a_module_with_options(module: str) -> None:
     tool = import_module(f'visual_servo_epipolar.evaluation.{module}')
     assert tool.__doc__

@@ -125,11 +125,7 @@ def test_a_twist_comes_back_exactly(linear, angular) -> None:
     twist = Twist(linear, angular)
     assert read.twist(write.twist(twist)) == twist
     assert read.twist(from_bag(write.twist_stamped(twist, STAMP_NS, 'base'))) == twist
-
-
-def test_numpy_scalars_are_published_as_numbers() -> None:
-    message = write.twist(Twist(np.float32(0.5), np.int64(-3)))
-    assert (message.linear.x, message.angular.z) == (0.5, -3.0)
+    assert write.twist(Twist(np.float32(0.5), np.int64(-3))) == write.twist(Twist(0.5, -3.0))
 
 
 @given(stamp_ns=st.integers(0, 2**31 * 10**9 - 1))
@@ -220,14 +216,6 @@ def test_an_entry_comes_back(reason: str, after: int | None) -> None:
     assert event_log.from_text(event_log.to_text(entry)) == entry
 
 
-@pytest.mark.parametrize(
-    'text', ['', '3', '{}', '{"event": "lost"}', '[' * 99_999, '{"event":1,"after_stamp_ns":"x"}']
-)
-def test_any_other_text_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match='an event must be JSON with event'):
-        event_log.from_text(text)
-
-
 @given(gain=st.floats(0.0, 5.0), after=st.none() | st.integers(0, 2**62))
 def test_settings_come_back_to_the_last_bit(gain: float, after: int | None) -> None:
     settings = ServoSettings(k1=gain, law='paper')
@@ -272,10 +260,18 @@ def test_settings_say_what_computed_with_them() -> None:
     assert settings_text.from_text(earlier).version == '0.0.1'
 
 
+EVENT, FILE = 'an event must be JSON with event', 'must be the parameter file of one node, got '
+NO_EVENTS = '', '3', '{}', '{"event": "lost"}', '[' * 99_999, '{"event":1,"after_stamp_ns":"x"}'
+NO_FILES = 'bot1: {servo_node: {k1: 1}}', '{', '3', '', '/servo_node: {k1: 1}', '{}', '[' * 99_999
+
+
 @pytest.mark.parametrize(
-    'text',
-    ['bot1: {servo_node: {k1: 1}}', '{', '3', '', '/servo_node: {k1: 1}', '{}', '[' * 100_000],
+    ('reader', 'text', 'words'),
+    [
+        *((event_log.from_text, text, EVENT) for text in NO_EVENTS),
+        *((settings_text.from_text, text, FILE) for text in NO_FILES),
+    ],
 )
-def test_what_is_no_parameter_file_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match='must be the parameter file of one node, got '):
-        settings_text.from_text(text)
+def test_any_other_text_is_refused(reader, text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        reader(text)

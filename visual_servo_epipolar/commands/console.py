@@ -49,7 +49,8 @@ def summary(result: Mapping[str, Any]) -> str:
     """Return the result of a run as text, phase by phase."""
     from visual_servo_epipolar.core.laws.registry import phase_words  # noqa: PLC0415 numpy, late
 
-    x, y, heading = result['start']
+    (x, y, heading), ratio = result['start'], result['max_distance_ratio']
+    far = 'all' if ratio is None else f'{100.0 * ratio:.0f} %'
     head = f'{result["outcome"]} after {result["duration_s"]:.1f} s'
     if result['outcome'] != 'arrived':
         head += f': {result["reason"]}'
@@ -64,7 +65,7 @@ def summary(result: Mapping[str, Any]) -> str:
         f'(lateral {1e3 * result["lateral_error_m"]:+.2f}, '
         f'longitudinal {1e3 * result["longitudinal_error_m"]:+.2f}), '
         f'heading {result["heading_error_deg"]:+.3f} deg',
-        f'path {result["path_length_m"]:.2f} m, at most {_ratio(result)} of the start distance '
+        f'path {result["path_length_m"]:.2f} m, at most {far} of the start distance '
         f'away, {result["min_visible_features"]} features or more, '
         f'{result["max_linear_speed"]:.2f} m/s, {result["max_angular_speed"]:.2f} rad/s',
     ]
@@ -74,8 +75,3 @@ def summary(result: Mapping[str, Any]) -> str:
 def written_to(folder: Path | str, names: Iterable[str]) -> str:
     """Return what a command wrote into ``folder`` as text."""
     return f'written to {folder}: {", ".join(sorted(names))}'
-
-
-def _ratio(result: Mapping[str, Any]) -> str:
-    ratio = result['max_distance_ratio']
-    return 'all' if ratio is None else f'{100.0 * ratio:.0f} %'

@@ -5,7 +5,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 import os
-import re
 import signal
 import sys
 from threading import Timer
@@ -22,10 +21,10 @@ from visual_servo_epipolar.processes import printing
 FAILURE, BAD_INPUT, SIGNALLED = 1, 2, 128  # exit codes; the last one and the number of a signal
 REPEAT_S = 0.05  # after a signal was dropped: the destructor that it came in has ended by then
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
-EVALUATION: Mapping[str, tuple[str, str]] = {
-    'reproduce': ('reproduction.command', "reproduce the paper's figures and statements"),
-    'bench': ('benchmarks.command', 'measure accuracy and speed, beside other methods'),
-    'faults': ('faults.command', 'inject faults, and judge whether the robot stays safe'),
+EVALUATION: dict[str, tuple[str, str]] = {
+    'reproduce': ("reproduce the paper's figures and statements", 'reproduction.command'),
+    'bench': ('measure accuracy and speed, beside other methods', 'benchmarks.command'),
+    'faults': ('inject faults, and judge whether the robot stays safe', 'faults.command'),
 }
 
 
@@ -54,16 +53,14 @@ def parser(words: Collection[str] = ()) -> Parser:
     )
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for name, (text, add_options) in COMMANDS.items():
-        command = kinds.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
-        add_options(command)
-        command.set_defaults(run=_call)
-    for name, (tool, summary) in EVALUATION.items():
-        command = kinds.add_parser(name, help=summary)
-        if name in words:
-            module = import_module(f'{PACKAGE}.evaluation.{tool}')
-            command.description = _plain(module.__doc__ or '')
-            module.add_options(command)
+    for name, (text, _) in {**COMMANDS, **EVALUATION}.items():
+        kinds.add_parser(name, help=text, description=f'{text[:1].upper()}{text[1:]}.')
+    for name, (_, add_options) in COMMANDS.items():
+        add_options(kinds.choices[name])
+        kinds.choices[name].set_defaults(run=_call)
+    for name in EVALUATION.keys() & set(words):
+        module = import_module(f'{PACKAGE}.evaluation.{EVALUATION[name][1]}')
+        module.add_options(kinds.choices[name])
     top.commands = kinds.choices
     return top
 
@@ -155,12 +152,6 @@ def _complain(name: str, reason: object, code: int) -> int:
     with suppress(BrokenPipeError):
         print(f'{name}: {" ".join(str(reason).split())}', file=sys.stderr)
     return code
-
-
-def _plain(docstring: str) -> str:
-    """Return the docstring of a command as text for its users."""
-    text = re.sub(r'^\s*``visual_servo \w+``: ', '', docstring).replace('``', '')
-    return text[:1].upper() + text[1:]
 
 
 if __name__ == '__main__':

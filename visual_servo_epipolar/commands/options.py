@@ -1,7 +1,7 @@
 """Options of the commands of the product; loads no library."""
 
 from argparse import ArgumentParser
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields
 import os
 
@@ -228,7 +228,7 @@ def _add_bag(parser: ArgumentParser, metavar: str, kinds: str) -> None:
 
 
 # What each does, and what adds its options; ``run`` of the module of that name runs it.
-COMMANDS: Mapping[str, tuple[str, Callable[[ArgumentParser], None]]] = {
+COMMANDS: dict[str, tuple[str, Callable[[ArgumentParser], None]]] = {
     'demo': ('drive home with the four real nodes, in lockstep', add_demo),
     'simulate': ('simulate one run in memory, without ROS', add_simulate),
     'sweep': ('simulate many starts, here or on a cluster; write tables and maps', add_sweep),

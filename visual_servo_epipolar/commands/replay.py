@@ -1,7 +1,7 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``, and its text."""
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -276,10 +276,10 @@ def compared_words(comparison: Mapping[str, Any]) -> list[str]:
             f'recorded and replayed diverge at {first["time_s"]:.3f} s, '
             f'stamp {first["stamp_ns"]} ns:'
         )
+        parted, rank = first['quantities'], dict(zip(COMPARED, range(len(COMPARED)), strict=True))
         lines += [
-            f'  {name}: recorded {first["quantities"][name]["recorded"]}, '
-            f'replayed {first["quantities"][name]["replayed"]}'
-            for name in _important_first(first['quantities'])[:SHOWN]
+            f'  {name}: recorded {parted[name]["recorded"]}, replayed {parted[name]["replayed"]}'
+            for name in sorted(parted, key=lambda name: rank.get(name, len(rank)))[:SHOWN]
         ]
     else:
         how = f'the same within {tolerance:g}' if tolerance < math.inf else 'beside each other'
@@ -295,8 +295,3 @@ def compared_words(comparison: Mapping[str, Any]) -> list[str]:
             size = '' if name == 'phase' else '{largest:>12.3g}{rms:>12.3g}'.format(**rows[name])
             lines.append(f'{name:<24}{rows[name]["apart"]:>12}{size}')
     return lines
-
-
-def _important_first(names: Iterable[str]) -> list[str]:
-    rank = {name: number for number, name in enumerate(COMPARED)}
-    return sorted(names, key=lambda name: rank.get(name, len(rank)))

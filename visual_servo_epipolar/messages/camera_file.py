@@ -114,7 +114,9 @@ def _chosen(document: Any, name: str) -> Calibration:
     """Return the calibration of ``name``, or of the only camera that there is."""
     cameras: Cameras = {}
     if isinstance(document, Mapping):
-        cameras = of_kalibr(document) or by_keys(document)
+        cameras = of_kalibr(document)
+        if not cameras and any(key in document for key in KEYS['matrix']):
+            cameras = {'': partial(_calibration, document)}
     if not cameras:
         raise ValueError(
             f"camera file lacks 'camera_matrix' of one camera; supported are {KINDS}. Of another "
@@ -235,13 +237,6 @@ KEYS = {
 BY_COUNT = {8: 'rational_polynomial', 12: 'rational_polynomial', 14: 'rational_polynomial'}
 
 
-def by_keys(document: Mapping[str, Any]) -> Cameras:
-    """Return the camera of a document that has a camera matrix, none of others."""
-    if not any(key in document for key in KEYS['matrix']):
-        return {}
-    return {'': partial(_calibration, document)}
-
-
 def _calibration(document: Mapping[str, Any]) -> Calibration:
     known = {*KEYS['distortion'], 'distortion_model'}
     for key in document:  # a slip would leave the distortion out
@@ -250,13 +245,15 @@ def _calibration(document: Mapping[str, Any]) -> Calibration:
                 f'{key} is not a key of camera files; rename it to distortion_coefficients'
             )
     found = {what: next((it for it in KEYS[what] if it in document), '') for what in KEYS}
-    width, height = _size(document, found['width'], found['height'])
+    for side in ('width', 'height'):
+        if not found[side]:
+            raise ValueError(f"camera file lacks 'image_{side}'; add the image size to it")
     distortion = document.get(found['distortion'], ())
     d = numbers(distortion, found['distortion'])
     projection = found['projection']
     return Calibration(
-        width=width,
-        height=height,
+        width=whole_number(document[found['width']], found['width']),
+        height=whole_number(document[found['height']], found['height']),
         k=numbers(document[found['matrix']], found['matrix'], (9,)),
         d=d,
         distortion_model=_lens(document, d),
@@ -265,13 +262,6 @@ def _calibration(document: Mapping[str, Any]) -> Calibration:
         binning_y=whole_number(document.get('binning_y', 0), 'binning_y', 0),
         roi=_region(document.get('roi', {})),
     )
-
-
-def _size(document: Mapping[str, Any], width: str, height: str) -> tuple[int, int]:
-    if not (width and height):
-        missing = 'image_height' if width else 'image_width'
-        raise ValueError(f'camera file lacks {missing!r}; add the image size to it')
-    return whole_number(document[width], width), whole_number(document[height], height)
 
 
 def _lens(document: Mapping[str, Any], distortion: tuple[float, ...]) -> str:
