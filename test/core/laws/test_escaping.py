@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.arrival import hysteresis
 from visual_servo_epipolar.core.laws.conditions import offset_ratio
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.two_steps import escape_bound, MOST_RESTARTS
+from visual_servo_epipolar.core.laws.two_steps import escape_bound, leads_away, MOST_RESTARTS
 from visual_servo_epipolar.core.odometry.legs import LEAST_LOOK_AHEAD, LEAST_REMEMBERED, look_ahead
 from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
 from visual_servo_epipolar.simulation.closed_loop import Loop
@@ -116,3 +116,37 @@ def test_a_leaning_camera_far_ahead_of_the_axle_does_not_lead_to_and_fro() -> No
     phases = [sample.phase for sample in log.samples]
     assert phases[-1] is Phase.ARRIVED
     assert (Phase.ZEROING_EPIPOLES, Phase.DISPLACING) not in pairwise(phases)
+
+
+# A spiral that was begun on the wrong side is begun anew, before it leads away.
+BEGUN = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)
+
+
+@pytest.mark.parametrize(
+    ('chi', 'alpha', 'away'),
+    [
+        (0.06, 0.03, True),
+        (-0.06, -0.14, True),
+        (0.06, -0.14, False),
+        (0.005, 0.03, False),
+        (0.06, -0.01, False),
+    ],
+)
+def test_it_is_on_the_wrong_side_if_both_epipoles_are_on_one(chi, alpha, away) -> None:
+    there = sight(bearings=behind(-chi, alpha))
+    assert leads_away(there, SETTINGS) is away
+    event = classify(seeing(BEGUN, measurement=there), SETTINGS)
+    assert (event is Event.ESCAPED) is away
+
+
+def test_what_is_lost_in_the_noise_is_on_no_side() -> None:
+    assert not leads_away(sight(bearings=behind(-0.06, 0.03), deviation=0.03), SETTINGS)
+    assert not leads_away(sight(bearings=None), SETTINGS)
+
+
+def test_a_law_that_may_lead_away_at_first_does_and_once_e_du_is_zero_a_turn_is_left() -> None:
+    there = sight(bearings=behind(-0.06, 0.03))
+    for law in ({'law': 'paper'}, {'law': 'corrected'}, {'retreat': False}):
+        assert not leads_away(there, replace(SETTINGS, **law))
+    latched = seeing(BEGUN, measurement=there, latched=True)
+    assert classify(latched, replace(SETTINGS, latch_release=0.5)) is not Event.ESCAPED

@@ -1,4 +1,4 @@
-"""Lines that lead home: where step 2 alone ends on the goal."""
+"""Lines: those that lead home, where step 2 alone ends on the goal, and how they are followed."""
 
 from dataclasses import replace
 import math
@@ -6,6 +6,8 @@ import math
 import pytest
 from servo_states import goal, in_phase, SETTINGS, sight
 
+from visual_servo_epipolar.core.estimate.base_model import Curvature
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws.conditions import (
     is_far_enough,
     KNOWN,
@@ -17,7 +19,9 @@ from visual_servo_epipolar.core.laws.conditions import (
 from visual_servo_epipolar.core.laws.equations import follow_line
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.odometry.legs import LEAST_LOOK_AHEAD, LEAST_REMEMBERED
-from visual_servo_epipolar.core.servo.supervisor import classify
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify, compensate_curvature
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 STATE = in_phase(Phase.RETREATING)
@@ -148,3 +152,21 @@ def test_where_the_line_is_unknown_the_robot_does_not_drive_straight_on() -> Non
     for x, heading in ((math.nan, 0.0), (0.0, math.nan)):
         with pytest.raises(ValueError):
             follow_line(1.0, x, heading, look_ahead=0.25)
+
+
+@pytest.mark.parametrize('speed', [0.4, -0.4])
+def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(speed) -> None:
+    pose = Pose(0.05, -4.0 if speed > 0 else 0.0, math.pi / 2 - 0.03)
+    for _ in range(900):
+        twist = follow_line(speed, pose.x, pose.heading_error, look_ahead=0.5)
+        pose = integrate(pose, twist, 0.01)
+    # 3.6 m are 7 look-aheads: exp(-0.9 * 7) of 50 mm is 0.1 mm.
+    assert abs(pose.x) < 2e-4
+    assert abs(pose.heading_error) < 1e-3
+
+
+def test_a_known_curvature_is_steered_against() -> None:
+    state = ServoState().changed(curvature=Curvature(0.02))
+    for law, turn in (('full', 0.092), ('paper', 0.1)):
+        twist = compensate_curvature(Twist(0.4, 0.1), state, ServoSettings(law=law))
+        assert (twist.linear, twist.angular) == pytest.approx((0.4, turn))

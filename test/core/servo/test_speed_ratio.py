@@ -1,6 +1,7 @@
 """A part of the speeds, set on the way: the robot slows down by its ramps, on the same path."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 
@@ -32,7 +33,7 @@ def test_lowered_on_the_way_it_is_reached_by_the_ramps() -> None:
     while speeds[-1] > 0.1 + 1e-9:
         twist = _limited(Twist(2.0, 0.0), twist, DT, DRIVES, settings)
         speeds.append(twist.linear)
-    steps = [before - after for before, after in zip(speeds, speeds[1:], strict=False)]
+    steps = [before - after for before, after in pairwise(speeds)]
     assert max(steps) <= 2.0 * SETTINGS.max_acceleration * DT + 1e-9
     assert len(steps) == pytest.approx(0.3 / (2.0 * SETTINGS.max_acceleration * DT), abs=1.0)
     assert speeds[-1] == pytest.approx(0.25 * SETTINGS.max_linear)
