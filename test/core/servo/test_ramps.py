@@ -1,6 +1,7 @@
-"""Ramps go by the time between commands as well, where their sender tells it."""
+"""Ramps go by the time between commands as well; limits of speed by the part set on the way."""
 
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 import pytest
@@ -11,7 +12,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import advance, LATE_S
+from visual_servo_epipolar.core.servo.supervisor import _limited, advance, LATE_S
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.perceive import Perception
@@ -53,3 +54,38 @@ def test_the_time_is_told_for_replays() -> None:
     sight = Perception(replace(SEEN, stamp_ns=10**8), fresh_memory(SETTINGS))
     told = telemetry(advance(state, sight, SETTINGS, since_command=0.07))
     assert told['since_command_s'] == 0.07
+
+
+# A part of the speeds, set on the way: the robot slows down by its ramps, on the same path.
+DT = 0.1
+FAST = Twist(2.0, 0.5)
+DRIVES = ServoState().changed(phase=Phase.ZEROING_EPIPOLES)
+
+
+@pytest.mark.parametrize('ratio', [1.0, 0.5, 0.05])
+def test_both_speeds_are_limited_to_it(ratio: float) -> None:
+    settings = replace(SETTINGS, max_speed_ratio=ratio, speed_ramps=False)
+    twist = _limited(FAST, Twist(0.0, 0.0), DT, DRIVES, settings)
+    assert twist.linear == pytest.approx(ratio * SETTINGS.max_linear)
+    assert twist.angular / twist.linear == pytest.approx(FAST.angular / FAST.linear)
+    turn = _limited(Twist(0.0, -9.0), Twist(0.0, 0.0), DT, DRIVES, settings)
+    assert turn.angular == pytest.approx(-ratio * SETTINGS.max_angular)
+
+
+def test_lowered_on_the_way_it_is_reached_by_the_ramps() -> None:
+    settings = replace(SETTINGS, max_speed_ratio=0.25)
+    twist = Twist(SETTINGS.max_linear, 0.0)
+    speeds = [twist.linear]
+    while speeds[-1] > 0.1 + 1e-9:
+        twist = _limited(Twist(2.0, 0.0), twist, DT, DRIVES, settings)
+        speeds.append(twist.linear)
+    steps = [before - after for before, after in pairwise(speeds)]
+    assert max(steps) <= 2.0 * SETTINGS.max_acceleration * DT + 1e-9
+    assert len(steps) == pytest.approx(0.3 / (2.0 * SETTINGS.max_acceleration * DT), abs=1.0)
+    assert speeds[-1] == pytest.approx(0.25 * SETTINGS.max_linear)
+
+
+@pytest.mark.parametrize('ratio', [0.0, 1.01, -0.5])
+def test_it_is_a_part(ratio: float) -> None:
+    with pytest.raises(ValueError, match='max_speed_ratio'):
+        replace(SETTINGS, max_speed_ratio=ratio)
