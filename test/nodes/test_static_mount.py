@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import math
-from types import SimpleNamespace
 
 from lifecycles import go
 import numpy as np
@@ -31,10 +30,6 @@ class Mounted(Rig):
 
     def __init__(self, bench, **values) -> None:
         super().__init__(bench, calibrated=False, **{'mount_from_tf': True, **values})
-
-    def told(self, *messages) -> None:
-        """Hand it what tf2_msgs/TFMessage would bring, which the wheels of ROS 2 are without."""
-        self.node._camera.static_mount.receive(SimpleNamespace(transforms=list(messages)))
 
     def look(self, frame='camera_optical_frame') -> None:
         """Send tracks with their camera_info, and wait until the node has taken them in."""

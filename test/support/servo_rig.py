@@ -1,6 +1,7 @@
 """A servo node on a bench, fed with tracks one by one; what the robot is told by it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist as TwistMessage
@@ -117,6 +118,10 @@ class Rig:
     def run(self) -> LiveRun:
         """The run of the node, for what no message brings about in a moment."""
         return self.node._live
+
+    def told(self, *messages) -> None:
+        """Hand it what tf2_msgs/TFMessage would bring, which the wheels of ROS 2 are without."""
+        self.node._camera.static_mount.receive(SimpleNamespace(transforms=list(messages)))
 
     def watch(self) -> None:
         """Let the watchdog look now."""

@@ -65,13 +65,14 @@ class Lockstep(AbstractContextManager['Lockstep']):
     def _populate(self, scenario: Scenario, loop: LoopSettings) -> None:
         base = {'lockstep': True, 'begin': False, 'start': loop.start, 'seed': loop.seed}
         base |= {'frame_rate': loop.frame_rate, 'model': scenario.kind_of('base')}
+        base |= {'use_sim_time': False}  # it makes the time
         self.servo = self._add(
             ServoNode,
             scenario.servo,
             {'camera_reliability': 'reliable', 'autostart': True, 'watchdog': False},
         )
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
-        self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
+        self.unicycle = self._add(UnicycleNode, scenario.base, base)
         others = asdict(scenario.disturbances) | asdict(scenario.light)
         others['rig'] = scenario.kind_of('camera')
         self.camera = self._add(CameraNode, scenario.camera, others)
@@ -124,15 +125,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.executor.shutdown()
         self._around.close()
 
-    def _add(
-        self,
-        kind: type[Any],
-        settings: Settings,
-        extra: Mapping[str, Any],
-        *,
-        simulated_time: bool = True,
-    ) -> Any:
-        values = {**asdict(settings), **extra, 'use_sim_time': simulated_time}
+    def _add(self, kind: type[Any], settings: Settings, extra: Mapping[str, Any]) -> Any:
+        values = {'use_sim_time': True, **asdict(settings), **extra}
         node = new_node(kind, self.context, values)
         self.add(node)
         return node

@@ -90,13 +90,13 @@ class RouteNode(ManagedNode):
         self._taught: Route | None = None  # and not written yet
         self._camera = ServoCamera(self, settings, self._warn)
         self._driven = DrivenPath(self, self._warn_of_path, settings, self._on_odometry)
-        self._reports = RouteReports(self)
+        self._commands, self._reports = Commands(self, settings), RouteReports(self)
         self._enable = Enable(
             self, settings.enable_timeout, lambda reason: self._repetition.lose(reason)
         )
         self._repetition = RouteRepetition(
             self,
-            Commands(self, settings),
+            self._commands,
             self._reports,
             self._enable.withheld,
             lambda: self._servo.stale_timeout,
@@ -117,7 +117,7 @@ class RouteNode(ManagedNode):
     def deactivate(self) -> None:
         """Stop the robot; a way that is being recorded is lost, which is logged."""
         self._stop('deactivated')
-        self._repetition.wait()
+        self._commands.wait()
         if self._recording is not None:
             self.get_logger().warning('the recording of a way is given up')
             self._recording.close()
@@ -127,7 +127,7 @@ class RouteNode(ManagedNode):
         """Stop the robot, and wait until the command is acknowledged."""
         self._stop('')
         if self.is_configured:
-            self._repetition.wait()
+            self._commands.wait()
 
     suspend = stop  # also before the process sleeps
 

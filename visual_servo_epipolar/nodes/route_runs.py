@@ -305,10 +305,6 @@ class RouteRepetition:
         self.last = RouteStep(STANDSTILL, Phase.WAITING.value, reason)
         self._reports.standing(self.last)
 
-    def wait(self) -> None:
-        """Wait until the last command is acknowledged."""
-        self._commands.wait()
-
     def _end(self, step: RouteStep) -> None:
         self._follow(step)
         self._reports.standing(step)

@@ -25,7 +25,7 @@ KILLS = int(os.environ.get('RECORDER_KILLS', '2'))  # `make faults` asks for 20
 START_SEC, END_SEC = 60.0, 30.0
 LOSS_S = 1.0  # what a kill -9 may cost
 ALL = 10_000  # messages that the publisher keeps for a recorder which the machine holds up
-KINDS = (('-p', 'storage:=mcap'), ('-p', 'compression:=zstd'))
+KINDS = ((), ('-p', 'compression:=zstd'))
 
 
 class Stand:

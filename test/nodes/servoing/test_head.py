@@ -1,17 +1,19 @@
 """The head of the servo: without the angles of its joints at an image, the robot stands."""
 
-from dataclasses import replace
-
 import pytest
 from sensor_msgs.msg import JointState
 from servo_rig import AWAY, Rig, tracks
 from trajectory_msgs.msg import JointTrajectory
 
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.rigs.rig import Joints
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.telemetry import joints_of
+from visual_servo_epipolar.messages import transforms
 from visual_servo_epipolar.messages.joints import joint_states
 from visual_servo_epipolar.messages.write import header
+from visual_servo_epipolar.nodes.commands import Head
+from visual_servo_epipolar.simulation.rigs import CameraMount
 
 NAMES = 'pan_joint', 'tilt_joint'
 
@@ -120,15 +122,21 @@ def test_angles_are_those_at_the_image(bench) -> None:
     assert abs(joints_of(rig.telemetry).pan - 0.025) < 1e-12
 
 
-def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench) -> None:
-    rig = Headed(bench).drive()
-    tilted = replace(rig.node._settings, camera_tilt=0.3)
-    rig.node._settings = tilted
-    seen = []
-    inner = rig.node._head.with_joints
-    rig.node._head.with_joints = lambda *given: seen.append(given[1]) or inner(*given)
+def test_a_mount_that_becomes_known_is_that_of_the_head_as_well(bench, monkeypatch) -> None:
+    carriers, with_joints = [], Head.with_joints
+
+    def spy(head, observation, carrier):
+        carriers.append(carrier)
+        return with_joints(head, observation, carrier)
+
+    monkeypatch.setattr(Head, 'with_joints', spy)
+    rig = Headed(bench, mount_from_tf=True)
+    mount, base = CameraMount(0.6, 0.2, 0.3), Pose(0.0, 0.0, 0.0)
+    place = mount.R_world_camera(base), mount.centre(base)
+    rig.told(transforms.mount_transform('base_link', 'camera_optical_frame', *place))
     rig.see_with_angles()
-    assert seen == [tilted.carrier]
+    level = ServoSettings(rig='pan_tilt', law='smooth')
+    assert carriers and level.carrier not in carriers
 
 
 def test_an_encoder_that_slips_stops_the_robot_until_it_is_reset(bench) -> None:
