@@ -1,6 +1,6 @@
 """Study: synthetic features seen along a spiral and a straight line, and once near the goal."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.window import FeatureObservations, MapSettings
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Prior
 from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
@@ -168,17 +169,23 @@ def two_views(trial: StudyTrial, k: int) -> TwoViewBearings:
     return TwoViewBearings((estimate.bearings, *other), estimate.attitude)
 
 
-def driven(trial: StudyTrial, settings: MapSettings | None = None) -> Iterator[KeyframeMap]:
-    """Yield the memory after each view but the last."""
+def mapped(
+    trial: StudyTrial,
+    settings: MapSettings | None = None,
+    *,
+    told: Callable[[StudyTrial, int], TwoViewBearings] = two_views,
+) -> Iterator[tuple[KeyframeMap, MapLocalization | None]]:
+    """Yield memory and localization after each view; two views are ``told`` until it begins."""
     memory = KeyframeMap(trial.mount, settings or MapSettings())
-    for k in range(len(trial.views) - 1):
-        told = two_views(trial, k) if memory.geometry is None else TwoViewBearings()
-        memory, _ = memory.after(trial.observations(k), trial.motion(k), **told._asdict())
+    for k in range(len(trial.views)):
+        start = told(trial, k) if memory.geometry is None else TwoViewBearings()
+        observations, motion = trial.observations(k), trial.motion(k)
+        memory, said = memory.after(observations, motion, **start._asdict())
         memory = memory.update_map()
-        yield memory
+        yield memory, said
 
 
 def map_after_drive(trial: StudyTrial) -> KeyframeMap:
     """Return the memory after all views but the last."""
-    *_, memory = driven(trial)
+    *_, (memory, _), _ = mapped(trial)
     return memory

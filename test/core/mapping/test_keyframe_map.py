@@ -7,15 +7,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from map_study import (
     map_after_drive,
+    mapped,
     StudySettings,
     StudyTrial,
     trial,
     two_views,
+    TwoViewBearings,
 )
 import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.mapping import keyframe_map
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
 from visual_servo_epipolar.core.mapping.localization import MapLocalization, seen_rays
@@ -165,14 +168,7 @@ def test_a_longer_way_makes_all_larger_and_turns_nothing(drive) -> None:
 
 
 def test_without_any_way_it_is_still_exact_at_the_goal(drive) -> None:
-    memory = KeyframeMap(drive.mount)
-    for k in range(14):
-        told = two_views(drive, k) if memory.geometry is None else None
-        memory, _ = memory.after(
-            drive.observations(k), np.full(2, np.nan), bearings=told.bearings if told else ()
-        )
-        memory = memory.update_map()
-    _, said = memory.after(drive.observations(14))
+    *_, (_, said) = mapped(replace(drive, scale=math.nan))
     assert math.degrees(abs(said.pose[2] - drive.views[14, 2])) < 0.05
     assert said.pose[0] / said.geometry.depth == pytest.approx(drive.views[14, 0] / 5.5, abs=1e-3)
 
@@ -235,25 +231,16 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
 
 def test_it_grows_to_its_bounds_and_no_further(drive) -> None:
     settings = MapSettings(keyframes=5, features=40, keyframe_spacing=1e-4)
-    memory = KeyframeMap(drive.mount, settings)
-    for k in range(15):
-        told = two_views(drive, k).bearings if memory.geometry is None else ()
-        memory, said = memory.after(drive.observations(k), drive.motion(k), bearings=told)
-        assert len(memory.window) <= 5
-        if memory.geometry is not None and k > 2:
-            assert len(memory.window.ids) <= 40
+    *maps, (memory, said) = mapped(drive, settings)
+    assert all(len(each.window) <= 5 and len(each.window.ids) <= 40 for each, _ in maps)
     assert len(memory.window) == 5
     assert near_truth(said, drive.views[14])
 
 
 def test_a_turn_in_place_tells_no_geometry_and_harms_none() -> None:
     drive = trial(StudySettings(), 3, np.column_stack([np.zeros((9, 2)), np.linspace(0, 0.1, 9)]))
-    memory = KeyframeMap(drive.mount)
-    for k in range(9):
-        told = two_views(drive, k).bearings
-        memory, said = memory.after(drive.observations(k), bearings=told[:1])
-    assert memory.update_map().geometry is None
-    assert said is None
+    *_, (memory, said) = mapped(drive)
+    assert (memory.geometry, said) == (None, None)
 
 
 @pytest.mark.parametrize(
@@ -290,18 +277,21 @@ def test_any_way_and_mount_will_do(known, places) -> None:
     assert said.pose[3] == pytest.approx(drive.views[14, 3], abs=0.01)
 
 
+def true_bearings(drive: StudyTrial, k: int) -> TwoViewBearings:
+    """Return what two views would tell of view ``k`` at best."""
+    x, y, heading = drive.views[k, :3].tolist()
+    return TwoViewBearings((Bearings.from_pose(Pose(x, y, heading + 0.5 * math.pi)),))
+
+
 @pytest.mark.parametrize('wall', [False, True], ids=['room', 'wall'])
 def test_of_two_geometries_that_two_views_allow_the_views_choose(wall: bool) -> None:
     drive = trial(StudySettings(wall=wall), 3)
-    memory = KeyframeMap(drive.mount)
-    for k in range(14):
-        x, y, heading = drive.views[k, :3]
-        psi = math.atan2(y, x)
-        right = Bearings(psi, psi - heading - 0.5 * math.pi)
-        wrong = Bearings(psi + 0.5, psi + 0.55 - heading - 0.5 * math.pi)
-        both = (wrong, right) if memory.geometry is None else ()
-        memory, _ = memory.after(drive.observations(k), drive.motion(k), bearings=both)
-    _, said = memory.after(drive.observations(14))
+
+    def both(drive: StudyTrial, k: int) -> TwoViewBearings:
+        right = true_bearings(drive, k).bearings[0]
+        return TwoViewBearings((Bearings(right.psi + 0.5, right.phi + 0.55), right))
+
+    *_, (memory, said) = mapped(drive, told=both)
     assert near_truth(said, drive.views[14])
     assert memory.geometry.noise_ratio == pytest.approx(1.0, abs=0.1)
 
@@ -311,16 +301,8 @@ def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
     """Straight back from 5 cm aside: in the twin the robot is straight before the wall."""
     behind = 0.06 + 0.018 * np.arange(14)
     drive = trial(StudySettings(wall=wall), 2, np.array([[0.05, -y, 0.0] for y in behind]))
-    memory = KeyframeMap(drive.mount)
-    for k, (x, y, heading) in enumerate(drive.views[:, :3].tolist()):
-        psi = math.atan2(y, x)
-        told = (Bearings(psi, psi - heading - 0.5 * math.pi),)
-        memory, _ = memory.after(
-            drive.observations(k),
-            drive.motion(k),
-            bearings=told if memory.geometry is None else (),
-        )
-    assert (memory.update_map().geometry is None) == wall
+    *_, (memory, _) = mapped(drive, told=true_bearings)
+    assert (memory.geometry is None) == wall
 
 
 def test_no_geometry_begins_where_none_fits(drive) -> None:
