@@ -200,15 +200,6 @@ def test_an_impossible_transition_is_refused_and_the_node_lives_on(bench, parrot
     assert go(bench, node, 'deactivate') == 'inactive'
 
 
-def test_a_label_is_told_from_an_id(bench, parrot) -> None:
-    node = parrot(autostart_node=True)
-    assert not change(bench, node, IDS['deactivate'], 'dance')
-    assert not change(bench, node, IDS['deactivate'], 'activate')
-    assert node.state == 'active'
-    assert change(bench, node, 99, 'deactivate')  # a known label beats a wrong id
-    assert node.state == 'inactive'
-
-
 @pytest.mark.parametrize('part', ['configure', 'activate'])
 def test_a_refusal_is_one_line_and_leaves_the_node_as_it_was(bench, parrot, part) -> None:
     node = parrot()

@@ -26,7 +26,7 @@ def patient(monkeypatch) -> None:
 def attentive(monkeypatch) -> None:
     monkeypatch.setattr(tracker_reports, 'IDLE_PERIOD_S', 0.02)
     monkeypatch.setattr(tracker_reports, 'SILENT_S', 0.2)
-    monkeypatch.setattr(tracker_reports, 'SIMULATED_SILENT_S', 0.2)
+    monkeypatch.setattr(tracker_reports, 'PATIENCE_S', 0.2)
 
 
 def now_ns(rig):

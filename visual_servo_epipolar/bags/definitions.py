@@ -7,6 +7,8 @@ from rosbags.typesys import get_typestore, Stores
 
 from visual_servo_epipolar.core.errors import InputError
 
+METADATA = 'metadata.yaml'  # of a bag: what it says of itself
+
 
 @cache
 def types_of_ros() -> Any:

@@ -15,11 +15,11 @@ from mcap.reader import make_reader, NonSeekingReader
 from mcap.records import Header
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from visual_servo_epipolar.bags.definitions import METADATA
 from visual_servo_epipolar.bags.reading.bag import (
     ADVICE,
     DAMAGE,
     EXPECTED,
-    METADATA,
     NO_DAMAGE,
     open_file,
     REPAIRED,

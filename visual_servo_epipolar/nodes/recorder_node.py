@@ -18,10 +18,9 @@ from visual_servo_epipolar.nodes.managed import ManagedNode, serve
 from visual_servo_epipolar.nodes.raw_subscriptions import RawSubscriptions, TopicSelection
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
-from visual_servo_epipolar.nodes.steady import STEADY
+from visual_servo_epipolar.nodes.steady import PATIENCE_S, STEADY
 
 DISCOVERY_PERIOD_S = 0.2
-PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
 
 
 class RecorderNode(ManagedNode):
@@ -139,7 +138,7 @@ class RecorderNode(ManagedNode):
     def _miss_topics(self) -> None:
         """Say which topics are to be recorded by name, but not published."""
         missing = sorted(self._raw_subscriptions.missing)
-        if missing and self._discoveries >= PATIENT_DISCOVERIES:
+        if missing and self._discoveries * DISCOVERY_PERIOD_S >= PATIENCE_S:
             self.get_logger().warning(
                 f'waits for {", ".join(missing)} (0 publishers)',
                 throttle_duration_sec=30.0,

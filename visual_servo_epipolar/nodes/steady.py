@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 LOOK_PERIOD_S = 0.5  # between looks at publishers and subscribers
+PATIENCE_S = 5.0  # before what only advertises, or may wait itself, is missed
 SILENT_S = 1.0  # without a message: the source of images or tracks is silent
 
 

@@ -27,9 +27,8 @@ from visual_servo_epipolar.nodes.photographer import Photographer, Renewal
 from visual_servo_epipolar.nodes.reports import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
+from visual_servo_epipolar.nodes.steady import PATIENCE_S
 from visual_servo_epipolar.nodes.tracker_reports import TrackerReports
-
-PATIENCE_S = 5.0  # with which another publisher of camera_info is waited for
 
 
 class TrackerNode(ManagedNode):

@@ -10,13 +10,11 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.tracking import TrackingResult
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.reports import ReplayReports
-from visual_servo_epipolar.nodes.steady import SILENT_S, STEADY, Stopwatch
+from visual_servo_epipolar.nodes.steady import PATIENCE_S, SILENT_S, STEADY, Stopwatch
 from visual_servo_epipolar.nodes.watching import IDLE_PERIOD_S
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-REPEAT_S = 30.0
-# Time without an image until that is logged, and where time is simulated, published: it may wait.
-SIMULATED_SILENT_S = 5.0
+REPEAT_S = 30.0  # of the log
 
 
 class TrackerReports(ReplayReports):
@@ -49,13 +47,17 @@ class TrackerReports(ReplayReports):
         self._missing = words
 
     def _look(self) -> None:
-        """Publish that no image is tracked, and since when, as long as that lasts."""
+        """
+        Publish that no image is tracked, and since when, as long as that lasts.
+
+        Where time is simulated images may wait: it is published as late as it is logged.
+        """
         age_s = self._since.seconds
         simulated = self._node.get_parameter('use_sim_time').value
-        if age_s < (SIMULATED_SILENT_S if simulated else SILENT_S):
+        if age_s < (PATIENCE_S if simulated else SILENT_S):
             return
         reason = f'{self._missing}, for {age_s:.1f} s; nothing is tracked'
-        if age_s >= SIMULATED_SILENT_S:
+        if age_s >= PATIENCE_S:
             topic = self._node.resolve_topic_name('image_raw')
             count = f'publishers on {topic}: {self._node.count_publishers(topic)}'
             log = self._node.get_logger()

@@ -187,7 +187,7 @@ def test_a_disk_that_ends_is_one_error(bench, tmp_path) -> None:
 
 @pytest.mark.parametrize('name', ['clock', '/clock'])
 def test_a_clock_that_is_not_published_is_not_missed(bench, tmp_path, monkeypatch, name) -> None:
-    monkeypatch.setattr(recorder_node, 'PATIENT_DISCOVERIES', 0)
+    monkeypatch.setattr(recorder_node, 'PATIENCE_S', 0.0)
     node = bench.add(
         RecorderNode(
             context=bench.context,

@@ -21,7 +21,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import get_types_from_idl, get_types_from_msg, TypesysError
 from zstandard import ZstdError
 
-from visual_servo_epipolar.bags.definitions import types_of_ros
+from visual_servo_epipolar.bags.definitions import METADATA, types_of_ros
 from visual_servo_epipolar.core.errors import InputError
 
 DAMAGE = (
@@ -43,7 +43,6 @@ DAMAGE = (
     ValueError,
 )
 NO_DAMAGE = (errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE)
-METADATA = 'metadata.yaml'
 SUFFIXES = ('.mcap', '.db3')
 EXPECTED = 'give a rosbag2 folder, a .mcap or a .db3 file'
 REPAIRED = '.repaired.mcap'  # end of the name of a file with the remains of a damaged one

@@ -16,13 +16,12 @@ from mcap.records import DataEnd, Footer
 from mcap.writer import CompressionType, MCAP0_MAGIC, Writer
 import yaml
 
-from visual_servo_epipolar.bags.definitions import definition
+from visual_servo_epipolar.bags.definitions import definition, METADATA
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.files import whole
 
 MB = 1e6
-METADATA, INFORMATION = 'metadata.yaml', 'rosbag2_bagfile_information'
 VERSION, DISTRO = 9, 'jazzy'  # of rosbag2, and of ROS where none is sourced
 CHUNK_SIZE = 1 << 18  # bytes: an image makes a chunk of its own
 COMPRESSIONS = {'none': CompressionType.NONE, 'zstd': CompressionType.ZSTD}
@@ -154,7 +153,8 @@ class BagWriter:
 
     def _describe(self) -> None:
         with whole(self._folder / METADATA) as partial:
-            text = yaml.safe_dump({INFORMATION: self._description()}, sort_keys=False)
+            document = {'rosbag2_bagfile_information': self._description()}
+            text = yaml.safe_dump(document, sort_keys=False)
             partial.write_text(text, encoding='utf-8')
 
     def _description(self) -> dict[str, Any]:
