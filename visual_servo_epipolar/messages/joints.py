@@ -52,16 +52,8 @@ def head_command(
     command: HeadCommand, names: tuple[str, str], stamp_ns: int, *, kind: str
 ) -> JointState | JointTrajectory:
     """Return a command to a head, of a ``kind`` of COMMAND_TYPES; an empty name has no joint."""
-    rows = [
-        (name, float(angle), float(rate))
-        for name, angle, rate in zip(
-            names,
-            (command.pan, command.tilt),
-            (command.pan_rate, command.tilt_rate),
-            strict=True,
-        )
-        if name
-    ]
+    columns = names, (command.pan, command.tilt), (command.pan_rate, command.tilt_rate)
+    rows = [(row[0], *map(float, row[1:])) for row in zip(*columns, strict=True) if row[0]]
     present, angles, rates = (list(column) for column in zip(*rows, strict=True))
     if kind == 'trajectory':
         point = JointTrajectoryPoint(positions=angles)

@@ -119,7 +119,9 @@ def table(documents: Documents) -> str:
 def _rows() -> Mapping[str, Callable[[Document], str]]:
     return {
         'arrived': _arrivals,
-        'arrived, 95 % interval [%]': lambda d: _percent(d['success_interval']),
+        'arrived, 95 % interval [%]': lambda d: '{:.2f} to {:.2f}'.format(
+            *(100.0 * value for value in d['success_interval'])
+        ),
         'arrived but wrong': lambda d: str(d['arrived_but_wrong']),
         'raised': lambda d: str(d['defects']),
         'position error, median / p95 / max [mm]': lambda d: _spread(d, 'position_error_m', 1e3),
@@ -162,10 +164,6 @@ def _arrivals(document: Document) -> str:
 def _spread(document: Document, name: str, unit: float) -> str:
     spread = document.get(name, {})  # that of an earlier version may lack it
     return ' / '.join(_number(spread.get(key), unit) for key in ('median', 'p95', 'max'))
-
-
-def _percent(interval: tuple[float, float]) -> str:
-    return ' to '.join(f'{100.0 * value:.2f}' for value in interval)
 
 
 def _number(value: float | None, unit: float) -> str:
