@@ -11,10 +11,10 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.routes import teaching
 from visual_servo_epipolar.core.routes.key_view_tracker import _described
 from visual_servo_epipolar.core.routes.places import PlaceFinder
 from visual_servo_epipolar.core.routes.route import Appearance, in_memory, RouteView
-from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.teaching import Teacher
 from visual_servo_epipolar.evaluation.benchmarks.routes import read_clips
 
@@ -29,12 +29,10 @@ def picture() -> Image:
     return np.asarray(np.kron(blocks, np.ones((5, 5), np.uint8)), np.uint8)
 
 
-def taught(
-    blank: range = range(0), bend: float = 0.0, settings: TeachSettings | None = None
-) -> Teacher:
+def taught(blank: range = range(0), bend: float = 0.0) -> Teacher:
     """Return a teacher that was shown the way of a race car, some frames of it ``blank``."""
     (clip,) = (it for it in read_clips(str(DONKEY)) if it.also)
-    teacher = Teacher(clip.camera, settings)
+    teacher = Teacher(clip.camera)
     for frame in clip.frames:
         x, y, theta = clip.metric(frame).tolist()
         image = clip.image(frame)
@@ -53,8 +51,9 @@ def test_a_stretch_without_features_is_bridged_by_the_odometry() -> None:
     assert not teacher.further
 
 
-def test_a_long_stretch_without_features_parts_the_way() -> None:
-    teacher = taught(blank=range(28, 40), settings=TeachSettings(max_spacing=0.1))
+def test_a_long_stretch_without_features_parts_the_way(monkeypatch) -> None:
+    monkeypatch.setattr(teaching, 'FARTHEST', 0.2)
+    teacher = taught(blank=range(28, 40))
     first = teacher.finish()
     (second,) = teacher.further
     assert first.views[-1].way < second.views[0].way

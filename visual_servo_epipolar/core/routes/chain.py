@@ -14,14 +14,14 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimate.map_state import TURN_OF_WAY
+from visual_servo_epipolar.core.estimate.odometry import SHARE
 from visual_servo_epipolar.core.geometry.motion import compose, inverse_pose, relative_pose
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Bridge, Route, RouteView
 from visual_servo_epipolar.core.routes.structure import SCALE_DEVIATION
 
 SPACING = 0.1  # between poses of a path [m]
-# What wheels make of a turn at most: a share of it, and by the way, as one slips [rad, rad/m].
-MOST_SLIP, SLIP_BY_WAY, SLIP_FLOOR = 0.2, 0.1, 0.04
 UNKNOWN_TURN = 0.02  # deviation of a turn by odometry that nothing was held against [rad]
 
 
@@ -71,7 +71,8 @@ class ViewStep(NamedTuple):
     @property
     def is_believed(self) -> bool:
         """Whether both differ by no more than wheels slip."""
-        most = SLIP_FLOOR + SLIP_BY_WAY * self.way + MOST_SLIP * abs(float(self.driven[2]))
+        largest = max(abs(float(self.driven[2])), abs(float(self.driven[2]) + self.turn))
+        most = 2.0 * UNKNOWN_TURN + TURN_OF_WAY * self.way + SHARE * largest
         return abs(self.turn) <= most
 
 

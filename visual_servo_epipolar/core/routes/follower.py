@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
+from visual_servo_epipolar.core.estimate.odometry import LONG_WAY
 from visual_servo_epipolar.core.geometry.motion import compose, relative_pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, WITHDRAWN_S
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
@@ -31,7 +32,7 @@ from visual_servo_epipolar.core.tracking.photographs import MIN_COMMON
 GATE_FLOOR = np.array([0.02, 0.02, 0.01])  # that they are at least [m, m, rad]
 SLIP_NOISE = 0.03  # of the true way against the commanded one [m/sqrt(m)]
 PLACE_NOISE = np.array([0.02, 0.02, 0.02])  # of way, offset and turn of a place [m, m, rad]
-OBEYED_AFTER, LEAST_OBEYED = 0.5, 0.2  # way [m] of commands of which the view must see a share
+LEAST_OBEYED = 0.2  # share of a way of commands that the view must see
 TURN_NOISE = 0.02  # of the true turn against the commanded one [rad/sqrt(s)]
 SLIDE_NOISE = 0.002  # of the base across its heading [m/sqrt(m)]
 BIAS_NOISE = 0.01  # by which the curvature of the wheels changes [1/m/sqrt(m)]
@@ -161,7 +162,7 @@ class PathEstimate:
         self.covariance, self.is_placed = 0.5 * (after + after.T), True
         self.way, self._curvature = point.way, point.curvature
         self._seen_way, self.way_variance = point.way, 0.0
-        if self._commanded > OBEYED_AFTER:
+        if self._commanded > LONG_WAY:
             moved = abs(self.way - self._marked)
             if moved < LEAST_OBEYED * self._commanded:
                 self.disobeyed = (

@@ -22,15 +22,14 @@ from visual_servo_epipolar.core.tracking.matching import (
     warps_of,
 )
 from visual_servo_epipolar.core.tracking.photographs import FEW
+from visual_servo_epipolar.core.tracking.robust_geometry import EPIPOLAR_PX
 from visual_servo_epipolar.core.tracking.sampling import inside_border, patch_radius
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.core.tracking.tracker import MARGIN, Tracker
 from visual_servo_epipolar.core.tracking.warps import Warps
 
-MARGIN = 8.0  # from the border of the image, of what is expected in it [px]
 SETTINGS = TrackerSettings(min_features=FEW)
 ENOUGH = TrackerSettings.min_features  # of a photograph that is good enough: the first one rules
-SAME_PX = 1.5  # from a feature to the keypoint that is the same [px]
 
 
 class KeyViewTracker:
@@ -157,6 +156,6 @@ def _described(keypoints: Keypoints, pixels: FloatArray, image: Image) -> Keypoi
     descriptors = keypoints.descriptors.copy()
     if len(today):
         squared = ((pixels[:, None] - today.pixels[None]) ** 2).sum(axis=2)
-        same = squared.min(axis=1, initial=np.inf) < SAME_PX**2
+        same = squared.min(axis=1, initial=np.inf) < EPIPOLAR_PX**2
         descriptors[same] = today.descriptors[squared[same].argmin(axis=1)]
     return replace(keypoints, pixels=pixels, descriptors=descriptors)

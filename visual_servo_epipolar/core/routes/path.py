@@ -10,13 +10,12 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, NORMAL
 from visual_servo_epipolar.core.geometry.least_squares import linear_fit
 
-REACH = 6  # samples on either side of the last that are looked at
 HALF_WIDTH = 0.25  # of the way over which a sample is smoothed [m]
-LEAST = 5  # samples within it: where there are fewer, farther ones count
+LEAST = 5  # samples within it, where there are fewer farther ones count; and at most looked at
 OUTLIER = 4.0  # deviations from its neighbours, or what was predicted: not believed
 ROUNDS = 4
 FLOOR = 1e-4  # of such a deviation [m, rad]
-LEAST_STEP = 1e-3  # between samples [m]
+LEAST_STEP = 0.01  # between samples, or two images that are kept [m]
 
 
 class PathPoint(NamedTuple):
@@ -71,8 +70,8 @@ class TaughtPath:
     def beside(self, pose: FloatArray, near: float) -> PathPoint:
         """Return where a camera ``pose``, (3,), is, on the path not far from ``near`` [m]."""
         last = int(np.searchsorted(self.way, near))
-        first = max(last - REACH, 0)
-        part = slice(first, min(last + REACH, len(self.way)))
+        first = max(last - LEAST, 0)
+        part = slice(first, min(last + LEAST, len(self.way)))
         apart = pose[:2] - self.poses[part, :2]
         k = first + int(np.argmin((apart * apart).sum(1)))
         tangent, away = self._tangents[k], pose[:2] - self.poses[k, :2]

@@ -18,7 +18,13 @@ from visual_servo_epipolar.core.geometry.motion import compose, relative_pose
 from visual_servo_epipolar.core.routes.chain import seam
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
 from visual_servo_epipolar.core.routes.path import PathPoint
-from visual_servo_epipolar.core.routes.route import Route, RouteView
+from visual_servo_epipolar.core.routes.route import (
+    FARTHEST,
+    OVERLAP,
+    Route,
+    RouteView,
+    SAME_TURN,
+)
 from visual_servo_epipolar.core.routes.structure import SCALE_DEVIATION, ViewPose
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.matchers.sift import detect, ENOUGH
@@ -31,10 +37,7 @@ RATIO = 0.85  # of the nearest to the nearest of another place
 SAME_PLACE = 4  # key views before and after that show the same
 LEAST_INLIERS, LEAST_SHARE = 18, 0.6  # of a geometry that is believed
 CERTAIN = 0.05  # deviation of a place that is believed, also by its witnesses alone [m]
-FARTHEST = 3.0  # from the path, that the structure can tell [m]
 MOST_TURN = 1.2  # from its heading, of a camera that does not see all around [rad]
-LAP_APART = 0.5  # by how much a lap may differ of what is one place [m]
-GAP, BESIDE, BESIDE_TURN = 0.3, 0.4, 0.35  # of the end from the beginning of a lap [m, m, rad]
 RIVAL = 0.7  # of the inliers of the best: another place with so many leaves it open
 
 
@@ -93,8 +96,8 @@ class PlaceFinder:
         if not alike or max(ways) - min(ways) > FARTHEST:
             return math.inf
         place = min(alike, key=_away)
-        is_beside = abs(place.offset) < BESIDE and abs(place.turn) < BESIDE_TURN
-        return last.way - place.way if is_beside and place.way > -GAP else math.inf
+        is_beside = abs(place.offset) < OVERLAP and abs(place.turn) < SAME_TURN
+        return last.way - place.way if is_beside and place.way > -OVERLAP else math.inf
 
     def votes(self, image: Image, among: range | None = None) -> FloatArray:
         """
@@ -135,7 +138,7 @@ class PlaceFinder:
         best = min(alike, key=_away)
         for place in alike:
             apart = abs(place.way - best.way)
-            if apart > FARTHEST and abs(apart - self.lap) > LAP_APART:
+            if apart > FARTHEST and abs(apart - self.lap) > OVERLAP:
                 self.reason = (
                     f'two places look alike, after {best.way:.1f} m and {place.way:.1f} m; drive '
                     'on a little'

@@ -19,6 +19,9 @@ from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
 from visual_servo_epipolar.core.tracking.photographs import superfluous
 
 MOST_IMAGES = 200  # of a way, in memory
+FARTHEST = 3.0  # that a structure tells from its path [m]; the next key view is half as far away
+SAME_TURN = 0.35  # between neighbours, or of the end of a lap from its beginning [rad]
+OVERLAP = 0.35  # of a structure beyond the neighbours, where a lap may close as well [m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,26 +9,19 @@ from visual_servo_epipolar.core.settings import internal, setting, Settings
 
 @dataclass(frozen=True, kw_only=True)
 class TeachSettings(Settings):
-    """When a new key view is taken, and what its features must show."""
+    """How a way is taught."""
 
-    min_shared: float = internal(
-        0.4,
-        'A new key view is taken below this share of remaining features',
-        low=0.1,
-        high=0.9,
-    )
-    max_spacing: float = internal(1.5, 'Longest way between key views [m]', low=0.1, high=10.0)
-    max_turn: float = internal(0.35, 'Largest turn between key views [rad]', low=0.05, high=1.0)
-    overlap: float = internal(
-        0.35,
-        'How far the structure of a key view extends beyond its neighbours [m]',
-        low=0.0,
-        high=2.0,
-    )
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'min_shared': 0.4,
+        'max_spacing': 1.5,
+        'max_turn': 0.35,
+        'overlap': 0.35,
+        'features': 250,
+    }
+
     pause: float = setting(
         3.0, 'Standstill that marks a station; 0 = none does [s]', low=0.0, high=60.0
     )
-    features: int = internal(250, 'Features of a key view', low=20, high=400)
 
 
 @dataclass(frozen=True, kw_only=True)

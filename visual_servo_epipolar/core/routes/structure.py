@@ -53,7 +53,6 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude
 STEPS, ROUNDS = 12, 2
 SCALE_DEVIATION = 0.01  # of the logarithm of the true way over that of the odometry
 START_NOISE_PX = 0.2  # of a tracked feature, until residuals tell it
-LEAST_NOISE_PX = 0.1  # of one on another day: what patches get wrong alike, no residual shows
 ALL_AROUND = 1e-3  # of the logarithm of the focal length: 360 deg are as many pixels as it has
 LEAST_VIEWS = 2  # in which a feature is seen, to be kept
 LEAST_FEATURES = 12  # of a structure
@@ -206,7 +205,8 @@ def learn_structure(
     at, damping = refine_narrowing(Evaluation(window, unknowns, np.ones(count, bool), factors))
     noise, geometry = START_NOISE_PX, refine(at, STEPS, damping)
     for _ in range(ROUNDS):
-        ratio = max(geometry.noise_ratio, LEAST_NOISE_PX / noise)
+        # On another day at least half: what patches get wrong alike, no residual shows.
+        ratio = max(geometry.noise_ratio, START_NOISE_PX / 2 / noise)
         if not math.isfinite(ratio):
             break  # too few residuals to tell it
         noise *= ratio

@@ -16,6 +16,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
+from visual_servo_epipolar.core.estimate.motion_check import COMMON_SHARE
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose, relative_pose
 from visual_servo_epipolar.core.odometry.path import Path
 from visual_servo_epipolar.core.routes.chain import (
@@ -25,8 +26,16 @@ from visual_servo_epipolar.core.routes.chain import (
     DrivenFrame,
     LearntView,
 )
-from visual_servo_epipolar.core.routes.path import smooth_path
-from visual_servo_epipolar.core.routes.route import in_memory, MOST_IMAGES, Route, RouteView
+from visual_servo_epipolar.core.routes.path import LEAST_STEP, smooth_path
+from visual_servo_epipolar.core.routes.route import (
+    FARTHEST,
+    in_memory,
+    MOST_IMAGES,
+    OVERLAP,
+    Route,
+    RouteView,
+    SAME_TURN,
+)
 from visual_servo_epipolar.core.routes.settings import TeachSettings
 from visual_servo_epipolar.core.routes.structure import (
     learn_structure,
@@ -56,7 +65,8 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude
 
 MOST_WAITING = 60  # images that are kept until odometry comes: seconds of them
 MOST_BACKWARD = 0.05  # that a base may roll back where it stops [m]
-LEAST_STEP, LEAST_TURN = 0.01, 0.005  # between two images that are kept [m, rad]
+LEAST_TURN = 0.005  # between two images that are kept [rad]
+FEATURES = 250  # of a key view
 TIGHTEST = 0.2  # radius of a curve [m]
 MOST_VIEWS = 12  # from which a structure is learnt
 
@@ -176,7 +186,7 @@ class Teacher:
         parts: list[list[LearntView]] = []
         for learnt in believed(self._views):
             end = parts[-1][-1].view.path.way[-1] if parts else -math.inf
-            if learnt.view.path.way[0] - end > self._settings.max_spacing:
+            if learnt.view.path.way[0] - end > 0.5 * FARTHEST:
                 parts.append([])
             parts[-1].append(learnt)
         parts = [part for part in parts if len(part) > 1]
@@ -216,14 +226,14 @@ class Teacher:
             return
         count = self._pending.track(frame)
         self._most = max(self._most, count)
-        settings, since = self._settings, self._pending.frame
+        since = self._pending.frame
         turn = abs(float(relative_pose(since.pose, frame.pose)[2]))
-        too_far = frame.way - since.way > settings.max_spacing or turn > settings.max_turn
-        is_due = too_far or count < settings.min_shared * self._most
+        too_far = frame.way - since.way > 0.5 * FARTHEST or turn > SAME_TURN
+        is_due = too_far or count < COMMON_SHARE * self._most
         # It waits for the images from which this one is learnt.
         if not is_due or len(self._pending.seen) <= 2 * LEAST_VIEWS and count >= FEW:
             return
-        if frame.turns and frame.way - since.way < settings.max_turn * TIGHTEST:
+        if frame.turns and frame.way - since.way < SAME_TURN * TIGHTEST:
             self._end_key_view()  # what a turn on the spot shows has no depth
         else:
             self._begin_key_view(frame)
@@ -231,8 +241,7 @@ class Teacher:
     def _begin_key_view(self, frame: DrivenFrame) -> None:
         """End the last key view, and begin one at a frame: first back through those before."""
         self._end_key_view()
-        count = self._settings.features
-        settings = TrackerSettings(max_features=count, candidates=2 * count)
+        settings = TrackerSettings(max_features=FEATURES, candidates=2 * FEATURES)
         tracker = Tracker(settings, self.camera, as_many=False)
         try:
             view = desired_view(frame.image, canvas=tracker.canvas)
@@ -248,7 +257,7 @@ class Teacher:
         pending = _Pending(frame, tracker, replace(view.keypoints, pixels=pixels))
         least = -math.inf
         if self._views:
-            least = self._views[-1].view.way - self._settings.overlap
+            least = self._views[-1].view.way - OVERLAP
         for before in reversed(self._frames):
             if before.way < least or pending.track(before) < FEW:
                 break

@@ -42,7 +42,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 from visual_servo_epipolar.core.tracking.warps import Warps
 
-BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
+MARGIN = 4.0  # features nearer to the border of the current image are dropped [px]
 MOST_SHIFT = 0.25  # of the width, of features since a wide lens was matched
 FEW_FACTOR = 3  # the search is so many times wider below min_features
 
@@ -300,7 +300,7 @@ class Tracker:
             both_ways=self.settings.anchor_period == 0,
         )
         current = after.astype(np.float64)
-        valid &= inside_border(current, frame.image.shape, BORDER)
+        valid &= inside_border(current, frame.image.shape, MARGIN)
         return self._tracked.followed(current, valid)
 
     def _on_common_motion(self, tracked: Tracks) -> Tracks:
@@ -312,7 +312,7 @@ class Tracker:
         alignment = self._tied.anchor.align(tracked.warps, image, iterations=iterations)
         aligned = Tracks(alignment.warps, tracked.ages, alignment.residual)
         similar = alignment.correlation >= self.settings.min_correlation
-        return aligned.take(similar & inside_border(aligned.warps.current, image.shape, BORDER))
+        return aligned.take(similar & inside_border(aligned.warps.current, image.shape, MARGIN))
 
     def _reacquired(self, tracked: Tracks, image: FloatImage) -> Tracks:
         """Return the tracks and those missing candidates, tried in turn, that are in ``image``."""
