@@ -64,7 +64,6 @@ class TrackerNode(ManagedNode):
         self._silent_ns: int | None = None  # since when another node only advertises one
         self._unusable = ''  # why the last camera_info cannot be used
         self._repetition = Repetition()
-        self._latest: Pixels | None = None
         self._pending_image: Image | CompressedImage | None = None
         self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
         self._reports = TrackerReports(self)
@@ -91,7 +90,7 @@ class TrackerNode(ManagedNode):
             )
             self._tracks_pub.publish(nothing)
             self._tracks_pub.wait_for_all_acked(qos.ACKNOWLEDGEMENT)
-        self._latest = self._pending_image = None
+        self._pending_image = None
         self._photographer.see(None)
 
     @property
@@ -173,7 +172,6 @@ class TrackerNode(ManagedNode):
             self._unusable = ''
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
-            self._latest = None
             self._photographer.see(None)
         if self._pending_image is not None:
             pending, self._pending_image = self._pending_image, None
@@ -213,7 +211,6 @@ class TrackerNode(ManagedNode):
         self._publish(tracking.features)
         # The servo waits for nothing of what follows.
         self._tracker.prepare()
-        self._latest = tracking.image
         self._photographer.see(tracking.image)
         self._report(tracking)
         if self._renewal.is_due():

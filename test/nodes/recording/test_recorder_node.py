@@ -6,7 +6,6 @@ import sys
 from bag_reading import files_of_at_most, read_back, size_of
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosReliability
@@ -24,7 +23,7 @@ from visual_servo_epipolar.nodes.raw_subscriptions import DEPTH, message_class
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 
-BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+BEST_EFFORT = qos.ODOMETRY
 
 
 class Recording:

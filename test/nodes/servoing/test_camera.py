@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from servo_rig import CAMERA, IN_VIEW, PERIOD_NS, Rig
 
@@ -15,7 +14,7 @@ from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import camera_subscriptions
+from visual_servo_epipolar.nodes import camera_subscriptions, qos
 from visual_servo_epipolar.nodes.driving_inputs import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
@@ -62,8 +61,7 @@ def attentive(monkeypatch) -> None:
 def test_a_driver_that_comes_late_is_heard_as_it_offers(bench, attentive) -> None:
     rig = Rig(bench, calibrated=False)
     rig.see()
-    weak = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    send = bench.talk(CameraInfo, 'camera_info', weak)
+    send = bench.talk(CameraInfo, 'camera_info', qos.IMAGES['best_effort'])
     message = write.camera_info(CAMERA, 0, 'camera')
     bench.until(lambda: bool(send(message) or rig.commands), 'a command')
 

@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from tagged_pictures import huge
 
@@ -11,7 +10,7 @@ from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import camera_subscriptions, parameters, qos
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
-BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+BEST_EFFORT = qos.IMAGES['best_effort']
 STAMP_NS = 5_000_000_007
 
 
