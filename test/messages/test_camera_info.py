@@ -138,3 +138,8 @@ def test_rectified_pixels_show_what_raw_ones_do_as_the_rectified_camera_is_turne
     # OpenCV stops after five iterations.
     seen = read.camera(message, rectified=True).rays(rectified)
     np.testing.assert_allclose(seen, turned, atol=1e-4)
+
+
+def test_rectified_or_not_is_the_same_for_a_lens_that_does_not_distort() -> None:
+    plain = Camera(640, 480, 400.0, 401.0, 320.0, 240.0)
+    assert read.camera(info(plain), rectified=True) == read.camera(info(plain)) == plain
