@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.least_squares import SMALLEST
 
 SHIFT_DEVIATION = 0.02  # of an unmeasured principal point, in focal lengths
 SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
-SPURIOUS_DEVIATIONS = 2.0
+REACH = 2.0  # deviations of what is believed within which the truth is looked for
 MOST_RATIO = 8.0  # of focal lengths, as configured over true: no lens is farther from its label
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
@@ -124,7 +124,7 @@ def spurious_parallax(
     sideways = x / np.sqrt(np.maximum(x * x + z * z, SMALLEST))
     moves = 2.0 * np.stack([np.std(sideways * x, axis=-1), np.std(sideways * z, axis=-1)], axis=-1)
     deviation = np.sqrt(((moves[..., None, :] @ root)[..., 0, :] ** 2).sum(axis=-1))
-    return np.asarray(SPURIOUS_DEVIATIONS * np.abs(heading_error) * deviation)
+    return np.asarray(REACH * np.abs(heading_error) * deviation)
 
 
 def corrected(rays: FloatArray, lens: Lens) -> tuple[FloatArray, FloatArray]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.cheirality import VOTE_SATURATION
 from visual_servo_epipolar.core.geometry.epipolar import (
     cross_matrix,
     decomposed,
@@ -25,21 +26,22 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     MOTION_PARAMETERS,
 )
 from visual_servo_epipolar.core.geometry.least_squares import (
+    CONTRADICTING,
     deviation_of,
     Equations,
     least_squares,
     likeliest_noise,
     TUKEY,
 )
-from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.geometry.rays import normalised, SMALLEST
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
 from visual_servo_epipolar.core.twoview.hypotheses import Rays, rays_of, WORST
-from visual_servo_epipolar.core.twoview.planar_motion import DEPTH_DEVIATIONS
 from visual_servo_epipolar.core.twoview.refinement import (
     LARGEST_STEP,
     linearised,
+    MODES,
     RIDGE,
     squared_distances,
     table_of,
@@ -47,12 +49,9 @@ from visual_servo_epipolar.core.twoview.refinement import (
 
 WIDTHS = np.array([4.0, 3.0, 2.0, 1.5, 1.2, *[1.0] * 5])  # of the noise, step by step
 FIRST_SCALE, LEAST_SCALE = 0.5, 0.15  # noise [px] that is begun with, and at least believed
-BETTER = 6  # motions around the best one that are tried for a better one
-NEAR_EPIPOLE = 1e-3  # sine of the angle from it within which depths have no sign
 AXES = cross_matrix(np.eye(3))  # of the three turns
 RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the best direction
 FEW = 0.05  # of the matches, on which alone no answer may hang
-POSSIBLE = 13.8  # excess cost of what may still be true: 99.9 % of a direction by two angles
 # What lens, shutter and focus give residuals of all matches alike [px], of images whose pixels are
 # no larger than this [rad]: larger ones are binned, and neither lens nor hand is worse.
 SHARED_PX, LARGEST_PIXEL = 0.05, 1.0 / 400.0
@@ -105,6 +104,10 @@ class Motions(NamedTuple):
         turns = np.linalg.solve(np.eye(3) - half, np.eye(3) + half)
         moves = (change[:, 3:, None] * self.tangents).sum(axis=1)
         return Motions(turns @ self.rotation, normalised(self.baseline + moves))
+
+    def turned(self, rotation: FloatArray) -> 'Motions':
+        """Return the motions in axes that a ``rotation``, (3, 3), turns both cameras to."""
+        return Motions(rotation @ self.rotation @ rotation.T, self.baseline @ rotation.T)
 
     @property
     def twins(self) -> 'Motions':
@@ -186,14 +189,13 @@ class GeneralFit(NamedTuple):
         """Return the fit after steps at a ``scale`` that follows the residuals of the best."""
         fit = self
         for width in WIDTHS[3:]:
-            fit = fit._replace(motions=fit.refined(fit.motions, np.array([width])))
-            losses = fit.losses(fit.motions)
-            best = losses[losses.sum(axis=1).argmin()]
-            within = fit.scale * np.sqrt(best[best < WORST])
+            fit = fit._replace(motions=fit.refined(fit.motions, np.array([width]))).sorted()
+            losses = fit.losses(fit.best)[0]
+            within = fit.scale * np.sqrt(losses[losses < WORST])
             if len(within) > MOTION_PARAMETERS:
                 noise = deviation_of(float(np.median(within)), len(within) - MOTION_PARAMETERS)
                 fit = fit._replace(scale=max(noise, LEAST_SCALE))
-        return fit.sorted()
+        return fit
 
     def sorted(self) -> 'GeneralFit':
         """Return the fit with the better twin of each motion, the best one first."""
@@ -263,13 +265,13 @@ def wrong_depths(motions: Motions, rays: Rays, scale: float) -> BoolArray:
     current, desired = rays.current.T, rays.desired.T
     turned = motions.rotation @ current  # (K, 3, N)
     normal = np.cross(desired[None], turned, axis=1)
-    limit = DEPTH_DEVIATIONS * scale * np.sqrt(rays.noise_a**2 + rays.noise_d**2)
+    limit = VOTE_SATURATION * scale * np.sqrt(rays.noise_a**2 + rays.noise_d**2)
     wrong = np.zeros(normal[:, 0].shape, bool)
     for ray in (np.broadcast_to(desired[None], turned.shape), turned):
         across = np.cross(ray, motions.baseline[:, :, None], axis=1)
         size = np.sqrt((across * across).sum(axis=1))
-        along = (normal * across).sum(axis=1) / np.maximum(size, NEAR_EPIPOLE)
-        wrong |= (along > limit) & (size > NEAR_EPIPOLE)
+        along = (normal * across).sum(axis=1) / np.maximum(size, SMALLEST)
+        wrong |= (along > limit) & (size > SMALLEST)
     return wrong
 
 
@@ -303,7 +305,7 @@ def spread_of(fit: GeneralFit, shared: float = 1.0) -> tuple[GeneralFit, Spread]
     around = _around(fit)
     costs = fit.losses(around).sum(axis=1)
     if costs.min() < fit.losses(fit.best).sum() - 0.5:  # of a match
-        better = fit.motions.joined(around.take(costs.argsort()[:BETTER]))
+        better = fit.motions.joined(around.take(costs.argsort()[:MODES]))
         fit = fit._replace(motions=better).settled()
         around = _around(fit)
     rows = fit.rows(fit.best)[0]
@@ -348,7 +350,7 @@ def _implied(motions: Motions, fit: GeneralFit, tails: float, few: float) -> Flo
     away = motions.bearings - fit.best.bearings
     away = np.abs(np.remainder(away + np.pi, 2.0 * np.pi) - np.pi)
     implied = away / np.sqrt(np.maximum(excess, 1.0))[:, None]
-    return np.asarray(implied[excess < POSSIBLE].max(axis=0, initial=0.0))
+    return np.asarray(implied[excess < CONTRADICTING].max(axis=0, initial=0.0))
 
 
 def _bearing_slopes(best: Motions) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 import math
-from typing import Any
 
 import numpy as np
 
@@ -11,13 +10,11 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels, MIN_MATCHES
+from visual_servo_epipolar.core.geometry.lens import REACH
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, rotation_vector
 from visual_servo_epipolar.core.reasons import Reason, reason_of
-from visual_servo_epipolar.core.tracking.alignment import (
-    Anchor,
-    FIRST_ITERATIONS,
-)
+from visual_servo_epipolar.core.tracking.alignment import Anchor, FIRST_ITERATIONS
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import Matcher
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
@@ -53,15 +50,12 @@ ENOUGH, ROUNDS = 250, 2  # matches; searches for more among their neighbours
 AMONG_NEIGHBOURS = 0.85  # correlation of those, for which no descriptor speaks
 MIN_SHARE = 0.5  # of the matches that must agree
 REPORTED = math.radians(3.0)  # deviation of tilt or roll beyond which it is not reported
-SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 LARGEST_DEVIATION = math.radians(1.5)  # of bearings that are trusted: half of what is wrong
 UNLEVEL = 2.0  # ratio of deviations beyond which the ground plane costs too much
 VERTICAL = 0.5  # share of what an estimated ground plane changes that counts as its deviation
-GENERAL = 'general epipolar geometry'
 FAR = math.radians(15.0)  # between two answers
 ROLLED = math.radians(20.0)  # more than a hand makes between photographs, or of both
 IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
-MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,12 +116,11 @@ def inspect(
     except TrackingError as error:
         return Inspection(False, str(error))
     cameras = current_camera, desired_camera
-    pixels = [canvas.pixels_of_image(points) for points in (matches.current, matches.desired)]
-    rays = [camera.rays(points) for camera, points in zip(cameras, pixels, strict=True)]
-    usable = np.ones(len(matches), bool)
-    for camera, points, seen in zip(cameras, pixels, rays, strict=True):
-        usable &= camera.round_trips(points, seen)
-    pixels, rays = ([side[usable] for side in sides] for sides in (pixels, rays))
+    both = [canvas.pixels_of_image(points) for points in (matches.current, matches.desired)]
+    rays = [camera.rays(points) for camera, points in zip(cameras, both, strict=True)]
+    sides = [*zip(cameras, both, rays, strict=True)]
+    usable = np.logical_and(*(camera.round_trips(points, seen) for camera, points, seen in sides))
+    pixels, rays = ([side[usable] for side in each] for each in (both, rays))
     angles = [camera.resolution(seen) for camera, seen in zip(cameras, rays, strict=True)]
     observation = Observation(
         0,
@@ -187,35 +180,30 @@ def judged(
         fit, spread = spread_of(general_motion(rays), observation.shared)
     except DegenerateGeometryError as error:
         return replace(found, reason=str(error)), None
-    general = _with_general(found, fit, spread, settings.mount)
-    found, essential = general, fit.best.essentials[0]
-    why = f'the motion was not planar: {GENERAL}'
+    found = _general(found, fit, spread, settings.mount)
     planar = _simplest_planar(observation, fit, spread, settings)
+    why = 'the motion was not planar: general epipolar geometry'
     if planar is not None:
-        found = _with_planar(general, planar, spread)
-        essential = planar.fundamental
-        if found.deviation > UNLEVEL * general.deviation:
-            found = replace(general, tilt=found.tilt, roll=found.roll)
-            essential, why = (
-                fit.best.essentials[0],
-                f'the matches do not show what is level: {GENERAL}',
-            )
+        level = _levelled(found, fit.best, planar, spread)
+        if level.deviation > UNLEVEL * found.deviation:
+            found = replace(found, tilt=level.tilt, roll=level.roll)
+            why = 'the matches do not show what is level: general epipolar geometry'
+        else:
+            found, why = level, ''
     reason = _refusal(found, fit, settings)
     if reason_of(reason) in (Reason.NONE, Reason.UNCERTAIN):  # by a wrong lens, it may be
         reason = _wrong_lens(observation, fit, settings, general=planar is None) or reason
+    essential = fit.best.essentials[0]
     if reason:
-        return _refused(found, reason, turn.heading_error), essential
-    return replace(found, trusted=True, reason='' if found.planar else why), essential
+        return _refused(found, reason, turn.heading_error, settings.pixel_noise), essential
+    return replace(found, trusted=True, reason=why), essential
 
 
-def _with_general(
-    found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude
-) -> Inspection:
-    """Return what is found with a general motion: in the ground plane by a known mount."""
+def _general(found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude) -> Inspection:
+    """Return what is found with the general motion: in the ground plane by a known mount."""
     known = max(mount.tilt_deviation, mount.roll_deviation) < REPORTED
-    level = rotation_level_camera(mount.tilt, mount.roll) if known else np.eye(3)
-    levelled = Motions(level @ fit.best.rotation @ level.T, fit.best.baseline @ level.T)
-    current, desired, rotation = levelled.bearings[0].tolist()
+    axes = rotation_level_camera(mount.tilt, mount.roll) if known else np.eye(3)
+    current, desired, rotation = fit.best.turned(axes).bearings[0].tolist()
     return replace(
         found,
         bearing_current=current,
@@ -226,6 +214,39 @@ def _with_general(
         inliers=int(fit.inliers.sum()),
         planar=False,
         ground=known,
+    )
+
+
+def _levelled(found: Inspection, best: Motions, planar: Estimate, spread: Spread) -> Inspection:
+    """
+    Return what is ``found`` with bearings in the ground plane of a ``planar`` motion.
+
+    A level plane is as far from that of motion as tilt and roll are unknown: to second order that
+    turns bearings between the axis and across it. Two views do not tell the axis of a robot's
+    turn, which is vertical, from that of a hand's: where the mount is not known, half of what the
+    ground plane changes of bearings in the cameras' own axes, which are certain, is doubtful.
+    """
+    attitude = planar.attitude or Attitude()
+    level = rotation_level_camera(attitude.tilt, attitude.roll)
+    current, desired, rotation = best.turned(level).bearings[0].tolist()
+    angles = np.array([current, desired])
+    lean = attitude.tilt_deviation**2 + attitude.roll_deviation**2
+    variances = planar.whole_covariance.diagonal()[::-1] + (0.5 * lean * np.sin(2.0 * angles)) ** 2
+    deviation = float(np.maximum(np.sqrt(variances), spread.whole[:2]).max())
+    if not found.ground:
+        away = angles - [found.bearing_current, found.bearing_desired]
+        away = np.abs(np.remainder(away + np.pi, 2.0 * np.pi) - np.pi)
+        deviation = math.hypot(deviation, VERTICAL * float(away.max()))
+    return replace(
+        found,
+        bearing_current=current,
+        bearing_desired=desired,
+        rotation=rotation,
+        deviation=deviation,
+        planar=True,
+        ground=True,
+        tilt=attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan,
+        roll=attitude.roll if attitude.roll_deviation < REPORTED else math.nan,
     )
 
 
@@ -250,64 +271,24 @@ def _simplest_planar(
         )
     except DegenerateGeometryError:
         return None
+    if planar.attitude is None:
+        return None
     mount = settings.mount
     costs = fit.losses(Motions.of(planar.fundamental[None]).twins).sum(axis=1)
     excess = float(costs.min() - fit.losses(fit.best).sum()) / spread.tails
     excess += (planar.jump / (JITTER_DEVIATIONS * mount.jitter)) ** 2 if mount.jitter else 0.0
-    if planar.attitude is not None:
-        excess += ((planar.attitude.tilt - mount.tilt) / mount.tilt_deviation) ** 2
-        excess += ((planar.attitude.roll - mount.roll) / mount.roll_deviation) ** 2
+    excess += ((planar.attitude.tilt - mount.tilt) / mount.tilt_deviation) ** 2
+    excess += ((planar.attitude.roll - mount.roll) / mount.roll_deviation) ** 2
     return planar if excess <= math.log(len(observation)) else None
-
-
-def _with_planar(general: Inspection, planar: Estimate, spread: Spread) -> Inspection:
-    """
-    Return what is found with a ``planar`` motion in place of the ``general`` one.
-
-    A level plane is as far from that of motion as tilt and roll are unknown: to second order that
-    turns bearings between the axis and across it. Two views do not tell the axis of a robot's
-    turn, which is vertical, from that of a hand's: where the mount is not known, half of what the
-    ground plane changes of bearings in the cameras' own axes, which are certain, is doubtful.
-    """
-    bearings, attitude = planar.bearings, planar.attitude
-    covariance = planar.whole_covariance
-    psi, phi = covariance[0, 0], covariance[1, 1]
-    variances = np.array([phi, psi, max(psi + phi - 2.0 * covariance[0, 1], 0.0)])
-    variances += (1.0 - 1.0 / spread.tails) * spread.noise**2 + spread.camera**2
-    lean_of: dict[str, Any] = {}
-    angles = np.array([bearings.current, bearings.desired])
-    if attitude is not None:
-        lean = attitude.tilt_deviation**2 + attitude.roll_deviation**2
-        variances[:2] += (0.5 * lean * np.sin(2.0 * angles)) ** 2
-        lean_of['tilt'] = attitude.tilt if attitude.tilt_deviation < REPORTED else math.nan
-        lean_of['roll'] = attitude.roll if attitude.roll_deviation < REPORTED else math.nan
-    deviations = np.maximum(np.sqrt(variances), spread.whole)
-    deviation = float(deviations[:2].max())
-    if not general.ground:
-        away = angles - [general.bearing_current, general.bearing_desired]
-        away = np.abs(np.remainder(away + np.pi, 2.0 * np.pi) - np.pi)
-        deviation = math.hypot(deviation, VERTICAL * float(away.max()))
-    return replace(
-        general,
-        bearing_current=bearings.current,
-        bearing_desired=bearings.desired,
-        rotation=bearings.heading_error,
-        deviation=deviation,
-        rotation_deviation=float(deviations[2]),
-        inliers=int(planar.inliers.sum()),
-        planar=True,
-        ground=True,
-        **lean_of,
-    )
 
 
 def _refusal(found: Inspection, fit: GeneralFit, settings: PerceptionSettings) -> str:
     """Return why what is ``found`` is not to be trusted, in words, or ''."""
     count, parallax = len(fit.inliers), found.parallax_px
-    if min(found.inliers, int(fit.inliers.sum())) < max(MIN_MATCHES, MIN_SHARE * count):
+    if found.inliers < max(MIN_MATCHES, MIN_SHARE * count):
         return Reason.FEW_INLIERS.of(found.inliers, count)
     if parallax < settings.min_parallax:
-        far = '' if parallax < SAME_PLACE_PX else 'nearly '
+        far = '' if parallax < settings.pixel_noise else 'nearly '
         also = ', or of what is far away' if far else ''
         return f'taken from {far}the same place{also}: {Reason.SMALL_PARALLAX.of(parallax)}'
     degrees = math.degrees(found.deviation)
@@ -333,7 +314,7 @@ def _rolled(best: Motions, mount: Attitude) -> str:
     roll = math.atan2(rotation[0, 1] - rotation[1, 0], rotation[0, 0] + rotation[1, 1])
     turn = rotation_vector(rotation)
     angle = math.sqrt(float(turn @ turn))
-    tilted = abs(mount.tilt) + MOUNT_DEVIATIONS * mount.tilt_deviation
+    tilted = abs(mount.tilt) + REACH * mount.tilt_deviation
     if abs(roll) > ROLLED + abs(float(turn[1])) * math.tan(tilted):
         way = 'clockwise' if roll > 0.0 else 'counterclockwise'
         return (
@@ -344,7 +325,7 @@ def _rolled(best: Motions, mount: Attitude) -> str:
         return ''
     x, y, _ = turn * math.copysign(1.0, turn[1])
     off = math.atan2(x, y) - mount.roll
-    if abs(off) < max(ROLLED, MOUNT_DEVIATIONS * mount.roll_deviation + REPORTED):
+    if abs(off) < max(ROLLED, REACH * mount.roll_deviation + REPORTED):
         return ''
     return (
         f'both photographs seem rolled by {math.degrees(off):.0f} deg; turn both upright, or tell '
@@ -369,14 +350,14 @@ def _wrong_lens(
     return reason if better else ''
 
 
-def _refused(found: Inspection, reason: str, heading: float) -> Inspection:
+def _refused(found: Inspection, reason: str, heading: float, noise: float) -> Inspection:
     """Return the refusal; no bearings that nothing fixes, nor a heading but that of a turn."""
     found = replace(found, reason=reason)
-    if found.parallax_px < SAME_PLACE_PX:
+    if found.parallax_px < noise:
         found = replace(found, rotation=heading)
     if found.rotation_deviation > LARGEST_DEVIATION:
         found = replace(found, rotation=math.nan)
-    if found.deviation > FAR or found.parallax_px < SAME_PLACE_PX:
+    if found.deviation > FAR or found.parallax_px < noise:
         found = replace(found, bearing_current=math.nan, bearing_desired=math.nan)
         found = replace(found, inliers=0, tilt=math.nan, roll=math.nan)
     return found
