@@ -12,14 +12,13 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, TINY
+from visual_servo_epipolar.core.arrays import FloatArray, ROUNDING, TINY
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import dot, homogeneous
 
 MIN_MATCHES = 8  # that define a geometry by linear equations
 MOTION_PARAMETERS = 5  # of a motion without its scale: a fit needs as many matches
-MIN_SINGULAR_RATIO = 1e-9
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
@@ -135,7 +134,7 @@ def epipoles(fundamental: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     """
     u, singular, vt = np.linalg.svd(fundamental)
-    if not singular[1] > MIN_SINGULAR_RATIO * singular[0]:
+    if not singular[1] > ROUNDING * singular[0]:
         raise DegenerateGeometryError(
             f'fundamental matrix must have rank 2, got singular values {singular}; '
             'move away from the desired pose or skip this pair'

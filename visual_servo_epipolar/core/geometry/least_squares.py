@@ -12,15 +12,14 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray, NORMAL
 
-LARGEST_CONDITION = 1.0 / float(np.finfo(np.float64).eps)  # of equations that say something
 USUAL_SQUARES = 1.3863  # median of sums of two squares of normal noise of deviation 1: 2 log 2
 CONTRADICTING = 16.0  # square, in deviations, that noise does not explain
 TUKEY = 4.685  # deviations from which residuals count no more: 95 % efficient for normal noise
 REWEIGHTINGS = 6  # rounds in which robust weights settle
 SMALLEST = 1e-18  # squared residual by which weights are scaled at least
 RIDGE = 1e-6  # that keeps equations regular where matches coincide, or lie in a row
-FIRST, STEP = -4, 1.25  # power of the least noise that is compared, and ratio to the next
-SCALES = STEP ** np.arange(FIRST, 8.0)  # of what it is taken for
+STEP = 1.25  # ratio of a noise that is compared to the next
+POWERS = np.arange(-4.0, 8.0)  # of it, times what noise is taken for
 SPENT = 4  # parameters that the fit spends on noise
 RIGHT, ANYWHERE_PX = 0.8, 60.0  # share of matches that are right; among how many px others are
 ROOT_2_PI = math.sqrt(2.0 * math.pi)
@@ -144,10 +143,8 @@ def robust_fit(
     """Return the fit reweighted by what it leaves, (N, ...); None where columns look alike."""
     weight, fit = np.ones(len(values)), None
     for _ in range(rounds):
-        if (
-            not ridge
-            and np.linalg.cond(columns.T @ (weight[:, None] * columns)) > LARGEST_CONDITION
-        ):
+        condition = np.linalg.cond(columns.T @ (weight[:, None] * columns)) if not ridge else 1.0
+        if condition * np.finfo(np.float64).eps > 1.0:
             return None
         fit = linear_fit(columns, values, weight, ridge)
         weight = weigh(fit.residual)
@@ -172,16 +169,17 @@ def likeliest_noise(distances: FloatArray, noise: float) -> float:
     The others are anywhere. A fit of many parameters to few matches leaves out those that do not
     suit it: as wrong ones, if noise is taken for small. They would lie farther off than they do.
     """
-    scales = noise * SCALES
+    scales = noise * STEP**POWERS
     squared = (distances / scales[:, None]) ** 2
     density = RIGHT / (scales * ROOT_2_PI)[:, None] * np.exp(-0.5 * squared)
     losses = -np.log(density + (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1)
-    best = min(max(int(losses.argmin()), 1), len(SCALES) - 2)
+    best = min(max(int(losses.argmin()), 1), len(POWERS) - 2)
     before, least, after = losses[best - 1 : best + 2].tolist()
     curvature = before - 2.0 * least + after
     aside = 0.5 * (before - after) / curvature if curvature > 0.0 else 0.0
     spent = len(distances) / max(len(distances) - SPENT, 1)
-    return noise * float(STEP ** (FIRST + best + min(max(aside, -1.0), 1.0))) * math.sqrt(spent)
+    power = POWERS[best] + min(max(aside, -1.0), 1.0)
+    return noise * float(STEP**power) * math.sqrt(spent)
 
 
 def samples(rng: np.random.Generator, limit: int, count: int, size: int) -> IntArray:

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.least_squares import cauchy, REWEIGHTINGS
 
 MIN_POINTS = 3
-TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
+TRUSTED_SHARE = 0.6  # of the matches, on which parallax and depths rest: others may be wrong
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ def log_false_alarms(
         Far below zero: no chance. Infinite of fewer than eight inliers.
 
     """
-    change = _change(current, desired)
+    change = current[:, -2:] - desired[:, -2:]  # turn [rad] and growth [octaves]
     typical = _typical(change[inliers])
     alike = _alike(change, typical)
     error = np.abs(sampson_distance(fundamental, current[:, :-2], desired[:, :-2]))
@@ -65,7 +65,7 @@ def log_false_alarms(
         return math.inf
     crossed = _crossed(len(current))
     paired = current[crossed[:, 0]], desired[crossed[:, 1]]
-    like = _alike(_change(*paired), typical)
+    like = _alike(paired[0][:, -2:] - paired[1][:, -2:], typical)
     chance_alike = (1.0 + float(like.sum())) / (1.0 + len(like))
     off = np.sort(np.abs(sampson_distance(fundamental, *(each[:, :-2] for each in paired))))
     counts = np.arange(SAMPLE + 1, len(errors) + 1)
@@ -95,11 +95,6 @@ def _crossed(count: int) -> IntArray:
     shifts = np.arange(1, min(count - 1, max(CROSSED // count, 1)) + 1)
     desired = np.tile(np.arange(count), len(shifts))
     return np.column_stack([(desired + np.repeat(shifts, count)) % count, desired])
-
-
-def _change(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return turn [rad] and growth [octaves] from each desired to its current, shape (N, 2)."""
-    return np.asarray(current[:, -2:] - desired[:, -2:])
 
 
 def _typical(change: FloatArray) -> FloatArray:

@@ -18,13 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import (
-    ComplexArray,
-    FloatArray,
-    frozen,
-    IntArray,
-    TINY,
-)
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, frozen, IntArray, TINY
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.twoview.estimator import Prior
 

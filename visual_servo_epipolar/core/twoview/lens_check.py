@@ -16,8 +16,8 @@ from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.core.twoview.registry import DEFAULT_ESTIMATOR
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
-UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins
-CONTRADICTION, LEAST = 5.0, 0.3  # deviations that contradict; by a fifth two views may err
+UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins: less is no doubt
+CONTRADICTION = 5.0  # deviations
 PLANE_SHARE = 0.8  # of the features, that one homography fits
 
 
@@ -38,7 +38,7 @@ def contradicted_by_pair(
         return '', None
     found = perceive(observation, uncalibrated(settings), 0)
     lens = found.memory.lens
-    if abs(lens.log_ratio) < max(CONTRADICTION * lens.ratio_deviation, LEAST):
+    if abs(lens.log_ratio) < max(CONTRADICTION * lens.ratio_deviation, UNKNOWN):
         return '', None
     reason = Reason.OTHER_LENS.of(
         f'a focal length of {focal:.0f} px, and they say '

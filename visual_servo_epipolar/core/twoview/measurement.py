@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.arrays import (
     FloatArray,
     median,
     packed,
+    ROUNDING,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import spurious_parallax
@@ -33,7 +34,6 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 from visual_servo_epipolar.core.twoview.validation import ValidatedEstimate
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
-FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
 UNBOUNDED = (math.inf, math.inf)
 
 
@@ -284,7 +284,7 @@ def view_margins(
     looks ``ahead`` [rad], and what it sees is within half a circle of that.
     """
     left, right = edges
-    if right - left >= FULL_CIRCLE:
+    if right - left >= 2.0 * np.pi - ROUNDING:
         return np.inf, np.inf
     bearings = np.arctan2(packed(current[:, 0]), packed(current[:, 2]))
     if ahead is not None:

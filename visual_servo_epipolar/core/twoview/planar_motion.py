@@ -20,30 +20,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray, packed, TINY
-from visual_servo_epipolar.core.geometry.cheirality import depth_balance
+from visual_servo_epipolar.core.geometry.cheirality import depth_balance, VOTE_SATURATION
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
-from visual_servo_epipolar.core.geometry.lens import corrected, Lens
+from visual_servo_epipolar.core.geometry.lens import corrected, Lens, REACH
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import level, rotation_level_camera
+from visual_servo_epipolar.core.geometry.rotation import TRUSTED_SHARE
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.twoview.estimator import LEAST_JITTER, Prior
-from visual_servo_epipolar.core.twoview.hypotheses import (
-    INLIER_DEVIATIONS,
-    Rays,
-    rays_of,
-)
+from visual_servo_epipolar.core.twoview.hypotheses import INLIER_DEVIATIONS, Rays, rays_of
 
-PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)  # jump: current less desired view
+# A jump is the current view less the desired one. Of the lens: log r, the rest of h, and k, which
+# is known: h = rest + k log r. Priors of log r and h are correlated, those of log r and rest not.
+PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP, RATIO, REST, SLOPE = range(9)
 BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
-# log r, the rest of h, and k, which is known: h = rest + k log r. The prior of log r and h is
-# correlated, that of log r and the rest is not.
-RATIO, REST, SLOPE = 6, 7, 8
 POWERS = np.array([2.0, 2.0, 1.0, 2.0, 2.0, 1.0, 1.0, 1.0, 0.0])  # of r, by rows
 KNOWN = 1e12  # information of what does not move
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
-REACH = 2.0  # how far hypotheses of the focal length reach, in deviations of the prior
-AHEAD_SHARE = 0.6  # of the matches that vote, without which a geometry is in doubt
-DEPTH_DEVIATIONS = 3.0  # of parallax, and of the way to the epipole: a depth has its sign then
 
 S_X = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 S_Z = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -128,7 +121,7 @@ def known_before(prior: Prior) -> GaussianPrior:
 def plausible_matches(rays: Rays, prior: Prior) -> BoolArray:
     """Return the matches, (N,), on one side of the horizon, as far as attitude and lens tell."""
     attitude = prior.attitude
-    tilted = 2.0 * (attitude.tilt_deviation + attitude.roll_deviation)
+    tilted = REACH * (attitude.tilt_deviation + attitude.roll_deviation)
     slack = tilted + INLIER_DEVIATIONS * np.sqrt(rays.noise * rays.noise + attitude.blur**2)
     # Angles may truly be larger, and so is then what a tilt does.
     stretch = float(np.exp(REACH * prior.lens.ratio_deviation))
@@ -179,7 +172,7 @@ def in_front_of(rays: Rays, agree: BoolArray, angles: FloatArray) -> tuple[Float
     planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
     balance = depth_balance(phasors, *planes, voting, upright.noise)
     in_front = voting & ~_behind(phasors, upright, balance)
-    kept = in_front.sum(axis=-1) >= AHEAD_SHARE * voting.sum(axis=-1)
+    kept = in_front.sum(axis=-1) >= TRUSTED_SHARE * voting.sum(axis=-1)
     return balance, np.where(kept[..., None], in_front, voting)
 
 
@@ -199,7 +192,7 @@ def _behind(bearings: ComplexArray, upright: Rays, balance: FloatArray) -> BoolA
     sine_a = np.sqrt(current.imag * current.imag + upright.y_a * upright.y_a)
     both = upright.y_d * upright.y_a - desired.imag * current.imag
     noise = upright.noise
-    least = DEPTH_DEVIATIONS * noise
+    least = VOTE_SATURATION * noise  # of parallax, and of the way to the epipole
     # Sine of the parallax by each ray, less where it is near the epipole.
     seen_d = (along_a * sine_d * sine_d - along_d * both) / np.hypot(sine_d, least)
     seen_a = (along_a * both - along_d * sine_a * sine_a) / np.hypot(sine_a, least)

@@ -26,22 +26,18 @@ from visual_servo_epipolar.core.twoview.estimator import Prior
 from visual_servo_epipolar.core.twoview.hypotheses import (
     ALTERNATIVE_COST,
     best_modes,
-    INLIER_DEVIATIONS,
     MARGIN,
     Rays,
     SEPARATION,
+    WORST,
 )
-from visual_servo_epipolar.core.twoview.planar_motion import (
-    GaussianPrior,
-    known_before,
-    matrices,
-)
+from visual_servo_epipolar.core.twoview.planar_motion import GaussianPrior, known_before, matrices
 
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
 NEGLIGIBLE = 0.3  # step that ends the iterations, in deviations of the noise: the next is tiny
-ANNEALING = 2  # steps until a wide start has narrowed to the noise
+ANNEALING = 2  # steps until a wide start has narrowed to the noise; one more with all modes
 ITERATIONS = 9
-ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
+MODES = 3  # how many may go on
 LEVERAGE, LEAST_SPARE = 0.5, 1e-4  # of a match that nothing speaks for; what others leave it
 RIDGE = 1e-3  # information that keeps normal matrices regular: a deviation of 30 rad
 
@@ -122,7 +118,7 @@ def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
 
     """
     many = start.ndim > 1
-    rough = ROUGH if scale > 1.0 else 1
+    rough = ANNEALING + 1 if scale > 1.0 else 1
 
     def linearise(parameters: FloatArray, number: int) -> Step:
         width = 1.0 + (scale - 1.0) * max(0.0, 1.0 - number / ANNEALING)  # at first wider
@@ -150,7 +146,7 @@ def refined(start: FloatArray, problem: Problem, scale: float = 1.0) -> Fit:
 
 def _best_modes(fit: Fit) -> IntArray:
     """Return the places of the best different modes among those that may still win."""
-    worst = INLIER_DEVIATIONS**2 * fit.squared.shape[1]
+    worst = WORST * fit.squared.shape[1]
     return best_modes(
         fit.parameters[:, :2],
         fit.costs / worst,
@@ -183,7 +179,7 @@ class Step(NamedTuple):
     def fit(self, parameters: FloatArray) -> Fit:
         """Return the fits of ``parameters`` after the step, with the costs before it."""
         width = self.width
-        costs = np.minimum(self.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
+        costs = np.minimum(self.squared / (width * width), WORST).sum(axis=-1)
         costs += self.leaving
         return Fit(parameters, self.equations.information, costs, self.squared, self.slopes)
 

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen, median
+from visual_servo_epipolar.core.arrays import FloatArray, frozen, median, ROUNDING
 from visual_servo_epipolar.core.geometry.least_squares import (
     cauchy,
+    CONTRADICTING,
     deviation_of,
     REWEIGHTINGS,
     robust_fit,
@@ -28,17 +29,15 @@ from visual_servo_epipolar.core.twoview.hypotheses import WORST
 from visual_servo_epipolar.core.twoview.observation import Observation
 
 FEWEST = 12  # features in both images: four unknowns, and some of them may be wrong
-PERIOD_WEIGHT = 0.1  # of a time between two images in its mean: stamps at receipt jitter
+OF_ONE_IMAGE = 0.1  # in a mean that follows: of times between images, of the noise
 SWING_WEIGHT = 0.2  # of one image in the variance of rates that alternate
 AT_REST, TURNING = 0.06, 0.1  # turn rates of images that are compared [rad/s]
 LONGEST_S = 1.5  # between them
 JERKY, TYPICAL_S = 0.25, 0.02  # part of a jump by which a rate may be off; a usual readout [s]
 OFF_AXLE = 0.03  # deviation of the shear that parallax causes in a turn of 1 rad [rad]
 ASIDE = 0.1  # part of the parallax that is not along the direction of travel
-LEAST_RAD = 1e-9  # deviation of a ray that is divided by
-LEAST_SINE = 0.05  # of the angle between a ray and the direction of travel, likewise
+LEAST_SINE = 0.05  # of the angle between a ray and the direction of travel, that is divided by
 MODEL_S = 1e-3  # least deviation of a readout, of however many images
-CERTAIN = 4.0  # deviations of a readout from the configured one
 SLOWEST_S = 0.1  # deviation of a readout of which nothing is known
 PRIOR = frozen(np.diag([SLOWEST_S**-2, OFF_AXLE**-2, 0.0]))
 NOTHING = frozen(np.zeros(3))
@@ -122,7 +121,7 @@ class RollingShutter:
     def contradicts(self, configured: float) -> bool:
         """Return whether images contradict the ``configured`` readout [s]."""
         value, deviation = self.estimate
-        return abs(value - configured) > CERTAIN * deviation
+        return (value - configured) ** 2 > CONTRADICTING * deviation**2
 
     @property
     def estimate(self) -> tuple[float, float]:
@@ -171,7 +170,7 @@ class RollingShutter:
         count = self.intervals + 1
         if count == 1:
             return replace(self, period=gap, intervals=1)
-        weight = max(1.0 / count, PERIOD_WEIGHT)
+        weight = max(1.0 / count, OF_ONE_IMAGE)
         return replace(self, period=self.period + weight * (gap - self.period), intervals=count)
 
     def _compared_last(self, last: Observation, mean: float, axes: BaseAxes) -> 'RollingShutter':
@@ -281,7 +280,7 @@ class RowPair(NamedTuple):
 
 
 def _noise(misses: FloatArray) -> float:
-    return max(deviation_of(median(np.abs(misses))), LEAST_RAD)
+    return max(deviation_of(median(np.abs(misses))), ROUNDING)
 
 
 def _weights(misses: FloatArray) -> FloatArray:

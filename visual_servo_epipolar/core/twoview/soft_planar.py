@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.cheirality import oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, decomposed, MOTION_PARAMETERS
-from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
+from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens, REACH
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
@@ -50,21 +50,15 @@ from visual_servo_epipolar.core.twoview.planar_motion import (
     plausible_matches,
     PSI,
     RATIO,
-    REACH,
     ROLL,
     SLOPE,
     TILT,
     TILT_JUMP,
     with_lens,
 )
-from visual_servo_epipolar.core.twoview.refinement import (
-    Fit,
-    Problem,
-    refined,
-)
+from visual_servo_epipolar.core.twoview.refinement import Fit, Problem, refined
 
 GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer than one in six
-UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
 REFITS = 3  # without matches that lie behind a camera
 POOR = 0.4  # part of the worst possible cost above which few matches agree
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts
@@ -159,7 +153,7 @@ def _estimate(rays: Rays, agree: BoolArray, fit: Fit, prior: Prior) -> Estimate:
     """Return the estimate by a ``fit`` and the matches that ``agree``, (N,), with its lens."""
     covariance, lens, of_lens = fit.covariance(), CALIBRATED, None
     variances = covariance.diagonal()
-    if not (variances.min() > 0.0 and variances[: PHI + 1].max() < UNDETERMINED**2):
+    if not 0.0 < variances.min() <= variances[: PHI + 1].max() < 1.0:  # rad: nothing is known then
         raise undetermined()
     parameters = _drawn(fit.parameters, covariance, prior)
     bearings, attitudes = covariance[: PHI + 1, : PHI + 1], covariance[BOTH, BOTH]
@@ -385,25 +379,22 @@ def general_start_parameters(rays: Rays, attitude: Attitude) -> FloatArray:
 
 
 def planar_parameters(essential: FloatArray, attitude: Attitude) -> FloatArray:
-    """Return the planar motions nearest to ``essential``, shape (K, 3, 3), as (K, 6)."""
+    """Return the planar motions nearest to ``essential``, (K, 3, 3), without jumps: (K, 6)."""
     baseline, both = decomposed(essential)
     away = both - np.eye(3)
     spread = baseline[:, :, None] * baseline[:, None] + away.swapaxes(-1, -2) @ away
-    values, vectors = np.linalg.eigh(spread / PLANARITY**2 + _prior_form(attitude))
+    # The prior of attitude is a quadratic form of the vertical.
+    right, down, forward = rotation_level_camera(attitude.tilt, attitude.roll)
+    prior = np.outer(right, right) / attitude.roll_deviation**2
+    prior += np.outer(forward, forward) / attitude.tilt_deviation**2
+    values, vectors = np.linalg.eigh(spread / PLANARITY**2 + prior)
     # One of the two is the other turned by half around the baseline: no vertical is its axis.
     twin = values[..., 0].argmin(axis=0)
     each = np.arange(len(essential))
     vertical, rotation = vectors[twin, each, :, 0], both[twin, each]
-    vertical *= np.copysign(1.0, vertical @ _level(attitude)[1])[:, None]
+    vertical *= np.copysign(1.0, vertical @ down)[:, None]
     tilt = np.arcsin(np.clip(vertical[:, 2], -1.0, 1.0))
     roll = np.arctan2(packed(vertical[:, 0]), packed(vertical[:, 1]))
-    return _parameters(baseline, rotation, tilt, roll)
-
-
-def _parameters(
-    baseline: FloatArray, rotation: FloatArray, tilt: FloatArray, roll: FloatArray
-) -> FloatArray:
-    """Return psi, phi, tilt, roll without jumps, shape (K, 6), from t and R in tilted axes."""
     level = rotation_level_camera(tilt, roll)
     upright = (level @ baseline[..., None])[..., 0]
     turn = level @ rotation @ level.swapaxes(-1, -2)
@@ -412,14 +403,3 @@ def _parameters(
     start[:, PHI] = start[:, PSI] - headings(turn) - HALF_PI
     start[:, TILT], start[:, ROLL] = tilt, roll
     return start
-
-
-def _level(attitude: Attitude) -> FloatArray:
-    return rotation_level_camera(attitude.tilt, attitude.roll)
-
-
-def _prior_form(attitude: Attitude) -> FloatArray:
-    """Return the quadratic form of a vertical, shape (3, 3), that the prior of attitude is."""
-    right, _, forward = _level(attitude)
-    by_roll = np.outer(right, right) / attitude.roll_deviation**2
-    return np.asarray(by_roll + np.outer(forward, forward) / attitude.tilt_deviation**2)

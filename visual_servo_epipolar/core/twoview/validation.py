@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     MOTION_PARAMETERS,
     sampson_distance,
 )
-from visual_servo_epipolar.core.geometry.least_squares import likeliest_noise
+from visual_servo_epipolar.core.geometry.least_squares import likeliest_noise, RIGHT
 from visual_servo_epipolar.core.geometry.rays import handedness
 from visual_servo_epipolar.core.geometry.rotation import RotationFit
 from visual_servo_epipolar.core.geometry.significance import together
@@ -28,12 +28,11 @@ from visual_servo_epipolar.core.twoview.memory import (
 )
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.registry import estimate
+from visual_servo_epipolar.core.twoview.rolling_shutter import OF_ONE_IMAGE
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 MIN_INLIER_SHARE = 0.3
 MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
-FEW_SHARE = 0.8  # of the matches: fewer than min_features may agree by chance, if not most do
-LEAST_SPARE = 3.0  # matches beyond the parameters of a motion, at least
 LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
@@ -80,7 +79,7 @@ def fit_quality(
     shared *= together(distances[None, agree], np.eye(1), desired[agree]) if inliers else 1.0
     # A few matches do not show how large their noise is: errors have Student's tails, of as many
     # degrees of freedom as there are inliers beyond a motion's parameters.
-    spare = max(inliers - MOTION_PARAMETERS, LEAST_SPARE)
+    spare = max(inliers, MIN_MATCHES) - MOTION_PARAMETERS
     growth = max(shown / noise, 1.0) * math.sqrt(spare / (spare - 2.0)) * math.sqrt(shared)
     variance = max(estimate.covariance[0, 0], estimate.covariance[1, 1], 0.0)
     extent = angular_extent(desired, estimate.inliers)
@@ -121,7 +120,7 @@ def rejection_reason(
     ``jitter`` is the deviation of tilt and roll between the views [rad].
     """
     inliers, count = quality.inliers, len(estimate.inliers)
-    by_chance = min(settings.min_features, FEW_SHARE * count)
+    by_chance = min(settings.min_features, RIGHT * count)  # fewer may agree, if not most do
     if inliers < max(MIN_MATCHES, MIN_INLIER_SHARE * count, by_chance):
         return Reason.FEW_INLIERS.of(inliers, count)
     if quality.extent < settings.min_spread:
@@ -185,7 +184,6 @@ def _contradiction(
     return '' if estimate.alternative is None else Reason.TWO_GEOMETRIES.of()
 
 
-NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
@@ -285,5 +283,5 @@ def prior_of(
 
 def _noise(now: float, before: float, first: float) -> float:
     """Return the deviation of a coordinate [px], slowly following what it is ``now``."""
-    followed = before + NOISE_ADAPTION * (now - before)
+    followed = before + OF_ONE_IMAGE * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)
