@@ -1,8 +1,8 @@
 """Bearings of a camera mounted any way, from the first pair of views, without calibration."""
 
 from dataclasses import replace
-from functools import lru_cache
 import math
+import pickle
 
 import cv2
 import numpy as np
@@ -13,10 +13,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rays import image_points, rotation_level_camera
 from visual_servo_epipolar.core.twoview.estimator import Attitude, Estimate, Prior
 from visual_servo_epipolar.core.twoview.planar_motion import PHI, PSI
-from visual_servo_epipolar.core.twoview.soft_planar import (
-    planar_parameters,
-    soft_planar,
-)
+from visual_servo_epipolar.core.twoview.soft_planar import planar_parameters, soft_planar
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     draw_pair,
@@ -86,7 +83,6 @@ def axis_error(pair: Pair, found: np.ndarray) -> float:
     )
 
 
-@lru_cache(maxsize=1)
 def drawn(count: int) -> list[tuple[Cell, Pair]]:
     """Return pairs of cameras of any tilt up to 25 and roll up to 8 degrees."""
     chosen = []
@@ -95,13 +91,6 @@ def drawn(count: int) -> list[tuple[Cell, Pair]]:
         cell = replace(LEVEL, tilt=rng.uniform(-25.0, 25.0), roll=rng.uniform(-8.0, 8.0))
         chosen.append((cell, draw_pair(cell, rng)))
     return chosen
-
-
-def test_any_attitude_costs_little() -> None:
-    errors = [own_error(pair, Prior(WIDE)) for _, pair in drawn(50)]
-    # 100 trials: 0.23 / 1.8 deg; 0.07 where the attitude is known.
-    assert np.median(errors) < 0.5
-    assert max(errors) < 5.0
 
 
 @pytest.mark.parametrize(('tilt', 'roll'), CORNERS)
@@ -113,13 +102,17 @@ def test_bearings_are_found_whichever_way_the_camera_is_mounted(tilt: float, rol
     assert np.median(errors) < 1.5
 
 
-def test_bearings_are_better_than_those_of_the_general_geometry() -> None:
+def test_any_attitude_costs_little_and_bearings_beat_those_of_the_general_geometry() -> None:
     pairs = drawn(50)
     told = np.median([own_error(pair, Prior(mounted(cell))) for cell, pair in pairs])
     general = np.median([general_error(pair, cell) for cell, pair in pairs])
     # 0.06 against 0.35 with OpenCV 5 and 0.16 with 4.6, both told the true attitude
     assert told < 0.6 * general
-    own = np.median([own_error(pair, Prior(WIDE)) for _, pair in pairs])
+    errors = [own_error(pair, Prior(WIDE)) for _, pair in pairs]
+    own = np.median(errors)
+    # 100 trials: 0.23 / 1.8 deg; 0.07 where the attitude is known.
+    assert own < 0.5
+    assert max(errors) < 5.0
     if OPENCV_5:
         assert own < general  # 0.28, although the five-point geometry alone is told
     # 1.07 and 0.89, if it is not
@@ -136,33 +129,26 @@ def test_bearings_are_better_than_those_of_the_general_geometry() -> None:
 def test_a_camera_nearly_level_is_seen_as_if_that_were_known(tilt: float, roll: float) -> None:
     for pair in draw_pairs(replace(LEVEL, tilt=tilt, roll=roll), 12, seed=6):
         wide, cold = solve(pair, Prior(WIDE)), solve(pair, Prior(COLD))
-        assert (wide.bearings, wide.attitude) == (cold.bearings, cold.attitude)
-        assert (wide.confidence, wide.jump) == (cold.confidence, cold.jump)
-        assert wide.alternative == cold.alternative
-        np.testing.assert_array_equal(wide.fundamental, cold.fundamental)
-        np.testing.assert_array_equal(wide.inliers, cold.inliers)
-        np.testing.assert_array_equal(wide.covariance, cold.covariance)
+        assert pickle.dumps(wide) == pickle.dumps(cold)
 
 
-def test_what_was_learnt_wrongly_is_given_up_for_the_mount() -> None:
-    wrong = Attitude(tilt_deviation=KNOWN, roll_deviation=KNOWN)
-    for pair in draw_pairs(replace(LEVEL, tilt=15.0), 12, seed=5):
-        found = solve(pair, Prior(wrong, mount=WIDE))
-        assert away((found.bearings.current, found.bearings.desired), pair.bearings) < 2.0
-        assert found.attitude is not None
-        assert math.degrees(found.attitude.tilt) == pytest.approx(15.0, abs=1.5)
-
-
-def test_without_a_mount_what_was_learnt_wrongly_stays() -> None:
-    wrong = Attitude(tilt_deviation=KNOWN, roll_deviation=KNOWN)
+@pytest.mark.parametrize('mount', [WIDE, None])
+def test_what_was_learnt_wrongly_is_given_up_for_the_mount_alone(mount) -> None:
+    wrong = Prior(Attitude(tilt_deviation=KNOWN, roll_deviation=KNOWN), mount=mount)
     for pair in draw_pairs(replace(LEVEL, tilt=15.0), 12, seed=5):
         try:
-            found = solve(pair, Prior(wrong))
+            found = solve(pair, wrong)
         except DegenerateGeometryError:
+            assert mount is None
             continue
-        assert found.inliers.mean() < 0.3
         assert found.attitude is not None
-        assert abs(math.degrees(found.attitude.tilt)) < 1.0
+        tilt = math.degrees(found.attitude.tilt)
+        if mount is None:
+            assert found.inliers.mean() < 0.3
+            assert abs(tilt) < 1.0
+        else:
+            assert away((found.bearings.current, found.bearings.desired), pair.bearings) < 2.0
+            assert tilt == pytest.approx(15.0, abs=1.5)
 
 
 def test_what_was_learnt_right_is_kept_for_a_mount_of_any_attitude() -> None:

@@ -1,8 +1,6 @@
 """A camera_info that two views contradict is said; a right one never is."""
 
 import cv2
-from hypothesis import given
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import blurred, matches, seen_from, through_lens
@@ -28,18 +26,16 @@ def said(current: np.ndarray, desired: np.ndarray, scale: float) -> str:
 
 
 @pytest.mark.parametrize('start', STARTS)
-@pytest.mark.parametrize('scale', [0.5, 2.0])
+@pytest.mark.parametrize('scale', [0.5, 1.0, 2.0])
 def test_a_wrong_focal_length_of_a_pair_is_said_with_the_right_one(start, scale) -> None:
     doubt = said(*matches(Pose.from_start(*start), count=COUNT), scale)
+    if scale == 1.0:
+        assert doubt == ''
+        return
     assert doubt.startswith(
         f'the matches contradict the camera: a focal length of {scale * 769:.0f}'
     )
     assert float(doubt.split('they say ')[1].split()[0]) == pytest.approx(FOCAL, rel=0.1)
-
-
-@pytest.mark.parametrize('start', STARTS)
-def test_a_right_one_is_not_doubted(start: tuple[float, float, float]) -> None:
-    assert said(*matches(Pose.from_start(*start), count=COUNT), 1.0) == ''
 
 
 @pytest.mark.parametrize('scale', [0.5, 1.0, 2.0])
@@ -53,16 +49,11 @@ def test_one_wall_tells_nothing(start: tuple[float, float, float], scale: float)
     assert said(*views, scale) == ''
 
 
-@given(wide=st.booleans())
-def test_what_is_not_calibrated_or_no_pinhole_is_not_checked(wide: bool) -> None:
-    current, desired = matches(Pose.from_start(*STARTS[0]), count=COUNT)
-    settings = ServoSettings(focal_deviation=0.0 if wide else 0.3)
-    view = Observation(0, current, desired, FOCAL, wide=wide)
-    assert contradicted_by_pair(view, settings) == ('', None)
-
-
-@pytest.mark.parametrize('count', [0, 1, 5, 11])
-def test_too_few_features_tell_nothing_and_raise_nothing(count: int) -> None:
+@pytest.mark.parametrize(
+    ('wide', 'focal_deviation', 'count'),
+    [(True, 0.0, COUNT), (False, 0.3, COUNT), *((False, 0.0, few) for few in (0, 1, 5, 11))],
+)
+def test_what_is_wide_not_calibrated_or_few_tells_nothing(wide, focal_deviation, count) -> None:
     current, desired = (rays[:count] for rays in matches(Pose.from_start(*STARTS[0]), count=COUNT))
-    view = Observation(0, current, desired, FOCAL)
-    assert contradicted_by_pair(view, ServoSettings()) == ('', None)
+    view = Observation(0, current, desired, FOCAL, wide=wide)
+    assert contradicted_by_pair(view, ServoSettings(focal_deviation=focal_deviation)) == ('', None)

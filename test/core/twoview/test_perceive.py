@@ -178,16 +178,12 @@ def test_a_trusted_sight_is_remembered() -> None:
         ({'ages': []}, 'ages must have 1 rows to match ids, got 0'),
     ],
 )
-def test_features_that_are_not_finite_or_of_unequal_length_are_refused(change, words) -> None:
+def test_features_are_finite_of_equal_length_and_never_change(change, words) -> None:
     pixels = np.zeros((1, 2))
     values = {'ids': [1], 'current': pixels, 'desired': pixels, 'ages': [1], 'errors': [0.0]}
     with pytest.raises(ValueError, match=words):
         Features(**values | change)
-
-
-def test_features_cannot_be_changed_from_outside() -> None:
-    pixels = np.zeros((1, 2))
-    features = Features(ids=[1], current=pixels, desired=pixels, ages=[1], errors=[0.0])
+    features = Features(**values)
     pixels[0, 0] = 9.0
     assert features.current[0, 0] == 0.0
     with pytest.raises(ValueError, match='read-only'):
@@ -274,26 +270,21 @@ def test_features_whose_patches_overlap_make_bearings_as_much_less_certain(apart
         assert together.deviation == pytest.approx(math.sqrt(many) * alone)
 
 
-def frames(kind: str, drives: int = 5) -> tuple[np.ndarray, int]:
-    """Return the errors of trusted bearings [deg], and the number of frames."""
-    seen = [
-        each for k in range(drives) for each in driven(DRIVES[kind], (3, k), PerceptionSettings())
-    ]
+@pytest.mark.parametrize(
+    ('kind', 'trusted', 'largest'),
+    # Look-alikes are dropped by their depths: 0.5 are trusted where they vote against the others.
+    [
+        ('alike', 0.8, 2.0),
+        *few_of(
+            [(kind, 0.5, 10.0) for kind in ('few', 'huddled', 'elsewhere', 'noisy')], keep=(0, 1)
+        ),
+    ],
+)
+def test_few_features_or_wrong_ones_mislead_nobody(kind: str, trusted, largest) -> None:
+    seen = [it for k in range(3) for it in driven(DRIVES[kind], (3, k), PerceptionSettings())]
     errors = [error_deg(true, found.bearings) for true, found in seen if found.bearings]
-    return np.array(errors), len(seen)
-
-
-def test_features_on_look_alikes_are_dropped_by_their_depths() -> None:
-    errors, count = frames('alike')
-    assert len(errors) > 0.8 * count  # 0.5 where they vote against the others
-    assert errors.max() < 2.0
-
-
-@pytest.mark.parametrize('kind', few_of(['few', 'huddled', 'elsewhere', 'noisy'], keep=(0, 1)))
-def test_few_features_or_wrong_ones_mislead_nobody(kind: str) -> None:
-    errors, count = frames(kind, drives=3)
-    assert len(errors) > 0.5 * count
-    assert errors.max() < 10.0
+    assert len(errors) > trusted * len(seen)
+    assert max(errors) < largest
     assert np.percentile(errors, 95) < 4.0
 
 

@@ -3,6 +3,7 @@
 import math
 
 from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import floats
@@ -31,16 +32,6 @@ def solve(cell: Cell, trial: int, prior: Prior) -> tuple[Estimate, float]:
     rng = np.random.default_rng(0)
     found = soft_planar(pair.current, pair.desired, noise=pair.noise, prior=prior, rng=rng)
     return found, error(found.bearings, pair.bearings)
-
-
-@given(floats(-0.5, 0.5), floats(-0.5, 0.5), floats(-0.1, 0.1), floats(-0.1, 0.1))
-def test_the_derivatives_are_those_of_the_matrix(psi, phi, tilt, roll) -> None:
-    at = np.array([[psi, phi, tilt, 0.3 * tilt, roll, -0.2 * roll]])
-    stack = matrices(at)
-    for k in range(6):
-        step = 1e-6 * np.eye(6)[k]
-        slope = (matrices(at + step)[0, 0] - matrices(at - step)[0, 0]) / 2e-6
-        np.testing.assert_allclose(stack[0, k + 1], slope, atol=1e-8)
 
 
 @pytest.mark.parametrize('trial', range(4))
@@ -112,11 +103,12 @@ def test_the_fundamental_matrix_is_for_the_tilted_camera() -> None:
 
 CELL = Cell(baseline=3.0, points=60, noise=0.2, tilt=0.5, roll=-0.3)
 UNKNOWN = Prior(lens=unknown_lens(1.0))
+LENSES = st.tuples(floats(-1.8, 1.0), floats(-0.05, 0.05), floats(-0.05, 0.05))
 
 
-@given(floats(-0.5, 0.5), floats(-1.8, 1.0), floats(-0.05, 0.05), floats(-0.05, 0.05))
-def test_the_derivatives_are_those_of_a_wrong_lens(psi, log_ratio, rest, shift_slope) -> None:
-    at = np.array([[psi, 0.3, 0.02, -0.01, 0.03, 0.01, log_ratio, rest, shift_slope]])
+@given(floats(-0.5, 0.5), floats(-0.5, 0.5), floats(-0.1, 0.1), floats(-0.1, 0.1), LENSES)
+def test_the_derivatives_are_those_of_the_matrix(psi, phi, tilt, roll, lens) -> None:
+    at = np.array([[psi, phi, tilt, 0.3 * tilt, roll, -0.2 * roll, *lens]])
     stack = matrices(at)
     for k in range(8):
         step = 1e-6 * np.eye(9)[k]
