@@ -1,8 +1,7 @@
 """Light: lamps, windows with sky and sun, shadows of boxes between; exposure that follows it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 import math
 from typing import Any, ClassVar
 
@@ -13,6 +12,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.settings import fixed, internal, setting, Settings
 
 SOFT = 0.05  # of a lamp's size [m^2]: no point is infinitely bright
+PANES = 2  # points along each side of a window that its sky is summed up from
 Point = tuple[float, float, float]
 
 
@@ -55,24 +55,17 @@ def _shadowed(
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """
-    A lamp at ``place`` [m]; ``power`` is what it throws on a surface that faces it 1 m away.
-
-    A bulb shines all around, one that ``faces`` a direction by the cosine to that.
-    """
+    """A bulb at ``place`` [m]; ``power`` is what it throws on a surface that faces it 1 m away."""
 
     place: Point
     power: float
-    faces: Point | None = None
 
-    def on(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box] = ()) -> FloatArray:
+    def on(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box]) -> FloatArray:
         """Return the light on ``points``, shape (N, 3), of a surface with that unit ``normal``."""
         towards = np.array(self.place) - points
         square = (towards**2).sum(axis=1) + SOFT
-        light = self.power * np.maximum(towards @ normal, 0.0) / square**1.5
-        if self.faces is not None:  # Lambert's cosine where it leaves
-            light *= np.maximum(-towards @ np.array(self.faces), 0.0) / np.sqrt(square)
-        return _shadowed(light, points, towards, boxes)
+        cosines = np.maximum(towards @ normal, 0.0) / np.sqrt(square)
+        return _shadowed(self.power * cosines / square, points, towards, boxes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,16 +94,20 @@ class Window:
 
     def on(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box]) -> FloatArray:
         """Return the light on ``points``, shape (N, 3), of a surface with that unit ``normal``."""
-        sky = sum(pane.on(points, normal, boxes) for pane in self._panes)
-        return np.asarray(sky + self._sun(points, normal, boxes))
+        return self._sky(points, normal, boxes) + self._sun(points, normal, boxes)
 
-    @property
-    def _panes(self) -> Iterator[Lamp]:
-        """Yield lamps in the middles of its quarters, which the light of its sky comes from."""
-        share = self.sky * self.size[0] * self.size[1] / 4.0 / math.pi
-        for pane in product((-0.25, 0.25), repeat=2):
-            place = np.array(self.middle) + np.array(pane) @ self.edges
-            yield Lamp(tuple(place.tolist()), share, self.normal)
+    def _sky(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box]) -> FloatArray:
+        share = self.sky * self.size[0] * self.size[1] / PANES**2 / math.pi
+        light = np.zeros(len(points))
+        for pane in np.ndindex(PANES, PANES):
+            place = (np.array(pane) + 0.5) / PANES - 0.5
+            towards = np.array(self.middle) + place @ self.edges - points
+            square = (towards**2).sum(axis=1) + SOFT
+            # Lambert's cosines, on the surface and at the pane
+            leaving = np.maximum(-towards @ np.array(self.normal), 0.0)
+            cosines = np.maximum(towards @ normal, 0.0) * leaving / square
+            light += _shadowed(share * cosines / square, points, towards, boxes)
+        return light
 
     def _sun(self, points: FloatArray, normal: FloatArray, boxes: Sequence[Box]) -> FloatArray:
         rays = np.array(self.sun_from) / np.linalg.norm(self.sun_from)
@@ -167,15 +164,17 @@ class Light:
 
         ``ceiling_lamps`` are where the lamps hang, shape (3,) each; ``boxes`` cast shadows.
         """
-        shape, points = points.shape[:2], points.reshape(-1, 3)
+        shape, faces_down = points.shape[:2], normal[2] < -0.5
         # The floor throws light back at what faces down.
-        ambient = 1.4 * self.ambient if normal[2] < -0.5 else self.ambient
-        light = np.full(len(points), ambient)
-        for x, y, z in ceiling_lamps if self.ceiling else ():
-            light += Lamp((x, y, z), self.ceiling, (0.0, 0.0, -1.0)).on(points, normal)
+        light = np.full(shape, 1.4 * self.ambient if faces_down else self.ambient)
+        for lamp in ceiling_lamps if self.ceiling and not faces_down else ():
+            towards = lamp - points
+            square = (towards**2).sum(axis=-1) + 0.15
+            cosines = np.maximum(towards @ normal, 0.0) * np.maximum(towards[..., 2], 0.0)
+            light += self.ceiling * cosines / square**2
         for source in self.sources:
-            light += source.on(points, normal, boxes)
-        return light.reshape(shape)
+            light += source.on(points.reshape(-1, 3), normal, boxes).reshape(shape)
+        return light
 
 
 CEILING = 'ceiling'  # the usual one: the lamps of the room

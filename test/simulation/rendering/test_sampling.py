@@ -38,8 +38,8 @@ POSES = (
 TIMES = 8
 BORDER = 4  # pixels beyond the image that its blur reaches
 SIGMA = 0.36  # blur of the reference [px]; textures add their own: LENS_SIGMA is of both
-# Root mean squares where no edge is near [grey levels]; 2.06 and 2.91 were measured.
-BOUNDS = {'level': 2.28, 'upright': 3.05}
+# Root mean squares where no edge is near [grey levels]; 2.20 and 2.66 were measured.
+BOUNDS = {'level': 2.28, 'upright': 2.8}
 
 
 def view(pose: Pose, times: int, border: int) -> PinholeView:

@@ -106,20 +106,49 @@ class Painting:
         """Write words with their baseline starting at (x, y), capitals ``height`` tall."""
         at = (round(x * self.density), round(y * self.density))
         scale = height * self.density / 22.0
-        style = {'thickness': max(1, round(scale * 1.6)), 'lineType': cv2.LINE_AA}
-        cv2.putText(self.pixels, words, at, cv2.FONT_HERSHEY_SIMPLEX, scale, _level(grey), **style)
+        weight = max(1, round(scale * 1.6))
+        cv2.putText(
+            self.pixels,
+            words,
+            at,
+            cv2.FONT_HERSHEY_SIMPLEX,
+            scale,
+            _level(grey),
+            weight,
+            cv2.LINE_AA,
+        )
+
+    def paste(self, image: Image, x: float, y: float) -> None:
+        """Put a picture, shape (H, W), of equal density at (x, y); what sticks out is cut off."""
+        left, top = round(x * self.density), round(y * self.density)
+        bottom, right = max(0, top + len(image)), max(0, left + image.shape[1])
+        area = self.pixels[max(top, 0) : bottom, max(left, 0) : right]
+        area[:] = image[max(-top, 0) :, max(-left, 0) :][: area.shape[0], : area.shape[1]]
 
     def roughen(self, amount: float, *, zoom: tuple[float, float] = (1.0, 1.0)) -> None:
         """Add grain of ``amount`` grey levels, stretched by ``zoom`` along x and y."""
-        size = self.pixels.shape[::-1]
-        columns, rows = (math.ceil(n / z) for n, z in zip(size, zoom, strict=True))
-        patch = np.roll(self.grain, self.rng.integers(0, GRAIN_SIZE, 2), (0, 1))
-        patch = np.tile(patch, (rows // GRAIN_SIZE + 1, columns // GRAIN_SIZE + 1))
-        patch = cv2.resize(patch[:rows, :columns], size, interpolation=cv2.INTER_CUBIC)
+        patch = self.grain_patch(self.pixels.shape, zoom)
         share = amount / GRAIN_DEVIATION
         self.pixels = np.asarray(
             cv2.addWeighted(self.pixels, 1.0, patch, share, -128.0 * share), dtype=np.uint8
         )
+
+    def grain_patch(self, shape: tuple[int, int], zoom: tuple[float, float] = (1.0, 1.0)) -> Image:
+        """Return a patch of grain of ``shape`` (H, W) from a random place, mirrored at random."""
+        rows, columns = (math.ceil(n / z) + 2 for n, z in zip(shape, zoom[::-1], strict=True))
+        down, right = self.rng.integers(0, GRAIN_SIZE, 2)
+        patch = np.roll(self.grain, (-int(down), -int(right)), (0, 1))
+        patch = patch[:: 1 - 2 * int(self.rng.integers(2)), :: 1 - 2 * int(self.rng.integers(2))]
+        patch = np.ascontiguousarray(patch[:rows, :columns])
+        more = max(0, rows - len(patch)), max(0, columns - patch.shape[1])
+        if any(more):
+            patch = np.asarray(
+                cv2.copyMakeBorder(patch, 0, more[0], 0, more[1], cv2.BORDER_WRAP), np.uint8
+            )
+        if zoom != (1.0, 1.0):
+            size = (round(columns * zoom[0]), round(rows * zoom[1]))
+            patch = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+        return patch[: shape[0], : shape[1]]
 
     def lit(self, field: FloatArray, most: int = 255) -> Image:
         """
@@ -142,8 +171,9 @@ def _level(grey: float) -> float:
 
 LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]
 DENSITY = 250.0  # texels a metre on furniture
-LIGHT_STEP = 0.1  # spacing of the points where the light is computed [m]
+LIGHT_STEP = 0.15  # spacing of the points where the light is computed [m]
 PANE_DENSITY, FRAME = 100.0, 70  # of windows: texels a metre, grey of the frame
+SHADOW_STEP = 0.1  # the same, where something casts shadows [m]
 
 Painter = Callable[[Painting], None]
 Frame = tuple[FloatArray, FloatArray, FloatArray]  # a corner and both edges [m]
@@ -229,7 +259,8 @@ class Panel:
         origin, edge_u, edge_v = self.frame
         most = WHITE - light.casts_shadows  # white is for windows, which glare
         width, height = self.sheet.width, self.sheet.height
-        u, v = _grid(width), _grid(height)
+        step = SHADOW_STEP if light.casts_shadows else LIGHT_STEP
+        u, v = _grid(width, step), _grid(height, step)
         points = origin + u[None, :, None] * edge_u + v[:, None, None] * edge_v
         field = light.on(points, np.cross(edge_v / height, edge_u / width), ceiling_lamps, boxes)
         if self.body == ROOM:
@@ -398,9 +429,9 @@ def _glass(width: float, height: float) -> Image:
     return image
 
 
-def _grid(length: float) -> FloatArray:
+def _grid(length: float, step: float) -> FloatArray:
     """Shares of an edge at which the light is computed, at the middles of equal cells."""
-    count = max(3, math.ceil(length / LIGHT_STEP))
+    count = max(3, math.ceil(length / step))
     return (np.arange(count) + 0.5) / count
 
 

@@ -1,6 +1,6 @@
 """Scenes: a furnished room, a room dominated by a single wall, a plain one; or a storey."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 import math
@@ -13,11 +13,9 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import (
     Builder,
-    DENSITY,
     FloorCell,
     Furniture,
     LEFT,
-    Material,
     Painting,
     panes,
     REAR,
@@ -28,6 +26,7 @@ from visual_servo_epipolar.simulation.rooms.storey import storey_builder, storey
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
 Look = Callable[[Builder, Light, int], Scene]
+Material = Callable[[Painting, float], None]
 Piece = tuple[str, float, float, tuple[float, float, float], Material, Material, float]
 
 # Name, middle of the front (x, y), size, front, sides, bottom [m]. Nothing stands in the way of
@@ -43,28 +42,30 @@ PIECES: Sequence[Piece] = (
     ('tall books', -2.75, 4.8, (1.25, 0.35, 2.15), m.bookcase, m.timber, 0.0),
     ('cabinet', 2.45, 4.7, (1.2, 0.5, 1.15), m.cupboard, m.timber, 0.0),
     ('cases', 2.5, 4.78, (0.7, 0.34, 0.5), m.crate, m.crate, 1.15),
-    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), m.noticeboard, m.noticeboard, 0.0),
+    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), m.pillar, m.pillar, 0.0),
     ('board', 1.15, 5.6, (1.2, 0.06, 1.75), m.noticeboard, m.timber, 0.0),
     ('wide books', -4.25, 5.6, (1.4, 0.35, 2.2), m.bookcase, m.timber, 0.0),
     ('lockers', 4.3, 5.6, (1.2, 0.5, 2.0), m.cupboard, m.noticeboard, 0.0),
     ('low books', -1.75, 6.7, (1.3, 0.35, 1.6), m.bookcase, m.timber, 0.0),
     ('easel', 0.3, 6.8, (0.9, 0.06, 1.9), m.noticeboard, m.timber, 0.0),
-    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), m.noticeboard, m.noticeboard, 0.0),
+    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), m.pillar, m.pillar, 0.0),
     ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), m.cupboard, m.timber, 0.0),
 )
 PLAIN_PIECES: Sequence[Piece] = (  # a third of the furnished room
-    ('left stand', -2.45, 3.5, (0.7, 0.08, 1.6), m.noticeboard, m.timber, 0.0),
-    ('chest', -0.95, 4.5, (0.85, 0.5, 0.62), m.cupboard, m.timber, 0.0),
-    ('cabinet', 2.2, 4.7, (1.1, 0.5, 1.15), m.cupboard, m.timber, 0.0),
-    ('sign', 0.8, 5.0, (0.9, 0.03, 0.5), m.noticeboard, m.timber, 1.9),
-    ('column', -0.3, 5.9, (0.38, 0.38, 2.8), m.noticeboard, m.timber, 0.0),
-    ('dresser', 1.5, 7.0, (1.1, 0.45, 1.9), m.cupboard, m.timber, 0.0),
-    ('low case', -2.6, 6.6, (1.2, 0.35, 1.4), m.cupboard, m.timber, 0.0),
+    ('left stand', -2.45, 3.5, (0.7, 0.08, 1.6), m.noticeboard, m.smooth, 0.0),
+    ('chest', -0.95, 4.5, (0.85, 0.5, 0.62), m.cupboard, m.smooth, 0.0),
+    ('cabinet', 2.2, 4.7, (1.1, 0.5, 1.15), m.cupboard, m.smooth, 0.0),
+    ('sign', 0.8, 5.0, (0.9, 0.03, 0.5), m.noticeboard, m.smooth, 1.9),
+    ('column', -0.3, 5.9, (0.38, 0.38, 2.8), m.pillar, m.smooth, 0.0),
+    ('dresser', 1.5, 7.0, (1.1, 0.45, 1.9), m.cupboard, m.smooth, 0.0),
+    ('low case', -2.6, 6.6, (1.2, 0.35, 1.4), m.cupboard, m.smooth, 0.0),
 )
 BOXES_BEFORE_WALL: Sequence[Piece] = (
     ('left box', -0.26, 0.46, (0.24, 0.16, 0.62), m.crate, m.crate, 0.0),
     ('right box', 0.3, 0.5, (0.2, 0.15, 0.5), m.crate, m.crate, 0.0),
 )
+NEAR_DENSITY = 700.0  # of a wall that fills the image from 0.7 m: texels a metre
+PLAIN_WALLS = {'front': 'bbpbdbb', 'left': 'bbbpbbdbbbpb', 'right': 'bbpbbbbbbdbb', 'rear': 'bdb'}
 
 
 def room(seed: int, kind: str = 'room', light: str = CEILING) -> Scene:
@@ -104,9 +105,10 @@ def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
         return PaintedRoom(storey_builder(seed), storey_look, 1)  # small machines hold no two
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
-    rng, end = np.random.default_rng((seed, [*KINDS].index(kind))), KINDS[kind].end
+    end, build = KINDS[kind]
+    rng = np.random.default_rng((seed, [*KINDS].index(kind)))
     builder = Builder(rng, [(x, y) for x, y in LAMPS if y < end], end)
-    _build(builder, KINDS[kind])
+    build(builder)
 
     def look(builder: Builder, light: Light, changed_seed: int) -> Scene:
         light = light.in_room(end)  # it never changes
@@ -115,21 +117,63 @@ def painted_room(seed: int, kind: str = 'room') -> PaintedRoom:
     return PaintedRoom(builder, look, 3)  # a photograph's, a run's, another's
 
 
-def _build(builder: Builder, kind: 'RoomKind') -> None:
-    """Build a room of a ``kind``."""
-    dull = m.faded if kind.is_faded else lambda paint: paint
-    for side, fittings in kind.walls.items():
-        order = ''.join(builder.rng.permutation(list(fittings)))
-        density = kind.density if fittings and side != 'rear' else 128.0  # texels a metre
-        builder.wall(side, dull(partial(m.wall, fittings=order)), density=density)
-    pieces = _ahead(kind.pieces, builder.rng)
-    if kind.sides:
-        pieces += _along_the_sides(builder.rng)
-    cell = FloorCell('', LEFT, REAR, RIGHT, kind.end)
-    builder.cover(cell, kind.floor, kind.ceiling, pieces)
+def _cell(builder: Builder) -> FloorCell:
+    return FloorCell('', LEFT, REAR, RIGHT, builder.end)
+
+
+def _furnish(builder: Builder) -> None:
+    """Build a room full of furniture."""
+    pieces = [*_ahead(PIECES, builder.rng), *_along_the_sides(builder.rng)]
+    builder.wall('front', _wall('pwpdpwp', builder.rng))
+    builder.wall('left', _wall('pwpdpwppwpwp', builder.rng))
+    builder.wall('right', _wall('wppwpdpwpwpp', builder.rng))
+    builder.wall('rear', lambda sheet: m.wall(sheet, fittings='pdp'), density=128.0)
+    builder.cover(_cell(builder), _floor, m.ceiling, pieces)
     for piece in pieces:
-        painted = replace(piece, front=dull(piece.front), sides=dull(piece.sides))
-        builder.stand(painted, density=max(kind.density, DENSITY))
+        builder.stand(piece)
+
+
+def _build_walls(builder: Builder, density: float = 240.0, pieces: Sequence[Piece] = ()) -> None:
+    """Build a room, empty but for ``pieces``, whose front wall is a gallery."""
+    builder.wall('front', lambda sheet: m.wall(sheet, pictures=2.6), density=density)
+    for side in ('left', 'right', 'rear'):
+        builder.wall(side, m.wall, density=128.0)
+    furniture = _ahead(pieces, builder.rng)
+    builder.cover(_cell(builder), m.concrete, partial(m.ceiling, plain=True), furniture)
+    for piece in furniture:
+        builder.stand(piece, density=density)
+
+
+def _furnish_plainly(builder: Builder) -> None:
+    """Build painted walls with few pictures, smooth furniture, weak contrast everywhere."""
+    for side, fittings in PLAIN_WALLS.items():
+        paint = m.faded(_wall(fittings, builder.rng))
+        builder.wall(side, paint, density=128.0 if side == 'rear' else 220.0)
+    pieces = _ahead(PLAIN_PIECES, builder.rng)
+    builder.cover(_cell(builder), m.concrete, _plain_ceiling, pieces)
+    for piece in pieces:
+        builder.stand(replace(piece, front=m.faded(piece.front), sides=m.faded(piece.sides)))
+
+
+def _plain_ceiling(sheet: Painting, lamps: list[tuple[float, float]]) -> None:
+    sheet.fill(205.0)
+    sheet.roughen(2.0, zoom=(7.0, 7.0))
+
+
+def _wall(fittings: str, rng: np.random.Generator) -> Callable[[Painting], None]:
+    """Return the painter of a wall whose fittings come in a random order."""
+    order = ''.join(rng.permutation(list(fittings)))
+    return lambda sheet: m.wall(sheet, fittings=order)
+
+
+def _floor(sheet: Painting) -> None:
+    """Lay planks, and rugs down the middle of the room; the front wall is at the upper edge."""
+    m.planks(sheet)
+    for y in (4.0, 9.5, 15.0):
+        width, height = sheet.rng.uniform((2.2, 1.6), (3.4, 2.3))
+        x = 0.5 * (sheet.width - width) + float(sheet.rng.uniform(-0.8, 0.8))
+        m.rug(sheet, x, y + float(sheet.rng.uniform(-0.5, 0.5)), float(width), float(height))
+    m.wear(sheet, 0.8)
 
 
 def _ahead(table: Sequence[Piece], rng: np.random.Generator) -> list[Furniture]:
@@ -164,35 +208,18 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
 
 
 class RoomKind(NamedTuple):
-    """
-    How far the front wall is from the goal [m], fittings of the walls, furniture, surfaces.
-
-    ``sides``: there is furniture along the side walls. ``is_faded``: walls and furniture have weak
-    contrast. ``density`` is that of walls with fittings, in texels a metre.
-    """
+    """How far the front wall is from the goal [m], and the function that builds the room."""
 
     end: float
-    walls: Mapping[str, str]
-    pieces: Sequence[Piece] = ()
-    floor: Callable[[Painting], None] = m.concrete
-    ceiling: Callable[[Painting, list[tuple[float, float]]], None] = m.plaster
-    sides: bool = False
-    is_faded: bool = False
-    density: float = 220.0
+    build: Callable[[Builder], None]
 
 
-GALLERY = {'front': 'g', 'left': '', 'right': '', 'rear': ''}
-NEAR = RoomKind(0.7, GALLERY, density=700.0)  # the wall fills the image
-FURNISHED = {'front': 'pppdppp', 'left': 'pppdppppppp', 'right': 'pppppdpppppp', 'rear': 'pdp'}
 KINDS = {
-    'room': RoomKind(8.0, FURNISHED, PIECES, m.planks, m.ceiling, sides=True),
-    'wall': RoomKind(5.0, GALLERY, density=240.0),
-    'plain': RoomKind(
-        8.0,
-        {'front': 'bbpbdbb', 'left': 'bbbpbbdbbbpb', 'right': 'bbpbbbbbbdbb', 'rear': 'bdb'},
-        PLAIN_PIECES,
-        is_faded=True,
+    'room': RoomKind(8.0, _furnish),
+    'wall': RoomKind(5.0, _build_walls),
+    'plain': RoomKind(8.0, _furnish_plainly),
+    'nearwall': RoomKind(0.7, partial(_build_walls, density=NEAR_DENSITY)),
+    'nearwall_boxes': RoomKind(
+        0.7, partial(_build_walls, density=NEAR_DENSITY, pieces=BOXES_BEFORE_WALL)
     ),
-    'nearwall': NEAR,
-    'nearwall_boxes': NEAR._replace(pieces=BOXES_BEFORE_WALL),
 }

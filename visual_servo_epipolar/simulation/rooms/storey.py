@@ -16,6 +16,7 @@ from visual_servo_epipolar.simulation.rooms.building import (
     Furniture,
     HEIGHT,
     Painting,
+    Panel,
 )
 
 THICKNESS = 0.12  # of walls [m]
@@ -89,6 +90,7 @@ def is_near_opening(x: float, y: float, clear: float) -> bool:
 SHARE = 1.0 / 3.0  # of the lamps that are off, of the pictures that are others, of what is moved
 SHIFT = (0.1, 0.35)  # of a piece of furniture along its wall [m]
 CHAIR, CHAIRS = (0.45, 0.42, 0.85), 2  # its size [m], and how many a cell has
+OFF = 165.0  # grey of a lamp that is off
 # Cells with a window in an outer wall: its middle [m], the normal into the cell.
 WINDOWS: Mapping[str, tuple[tuple[float, float], tuple[float, float]]] = {
     'office': ((4.6, -8.34), (0.0, 1.0)),
@@ -111,7 +113,9 @@ def _switch_lamps(builder: Builder) -> None:
     """Switch a third of the lamps off, stand a lamp into most cells, let day in at windows."""
     rng = builder.rng
     is_off = rng.uniform(size=len(builder.lamps)) < SHARE
+    off = [lamp for lamp, each in zip(builder.lamps, is_off, strict=True) if each]
     builder.lamps = [lamp for lamp, each in zip(builder.lamps, is_off, strict=True) if not each]
+    builder.panels = [_with_lamps_off(panel, off, rng) for panel in builder.panels]
     ambient, ceiling = rng.uniform((0.4, 0.7), (1.1, 1.6)).tolist()
     builder.dimmed = ambient, ceiling
     for cell in CELLS:
@@ -122,6 +126,21 @@ def _switch_lamps(builder: Builder) -> None:
         if window is not None:
             sources += (_window(*window, rng),)
         builder.sources[cell] = sources
+
+
+def _with_lamps_off(
+    panel: Panel, off: list[tuple[float, float]], rng: np.random.Generator
+) -> Panel:
+    """Return a panel with the lamps that are ``off`` painted grey, where it is a ceiling."""
+    (x0, y0, _), across, down = panel.frame
+    here = [(x - x0, y - y0) for x, y in off]
+    here = [(x, y) for x, y in here if 0.0 < x < across[0] and 0.0 < y < down[1]]
+    if not panel.name.endswith('ceiling') or not here:
+        return panel
+    sheet = panel.sheet.copied(rng)
+    for x, y in here:
+        sheet.rect(x - 0.6, y - 0.15, 1.2, 0.3, OFF)
+    return replace(panel, sheet=sheet)
 
 
 def _window(
@@ -237,7 +256,7 @@ def _face(sheet: Painting, grey: float) -> None:
         sheet.roughen(4.0)
         return
     span = max(1, round(sheet.width / 1.15))
-    fittings = ''.join(sheet.rng.choice(list('pppppdb'), span).tolist())
+    fittings = ''.join(sheet.rng.choice(list('ppppwdb'), span).tolist())
     m.wall(sheet, fittings=fittings)
 
 
