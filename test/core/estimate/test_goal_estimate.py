@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from servo_states import reading, SETTINGS, sight
 
-from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
+from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, Source
+from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import offset_at_axle
 
 POSE, MOUNT = np.array([0.3, -1.2, 0.4]), np.array([0.2, 0.25, -0.1])
@@ -68,5 +69,15 @@ def test_a_mount_that_is_likely_but_not_believed_adds_what_it_differs_by() -> No
 
 def test_two_views_have_bearings_and_no_pose() -> None:
     of_two = goal_estimate(sight(), None, MOUNTED)
+    assert (of_two.source, of_two.cause) == (Source.TWO_VIEWS, Reason.NONE)
     assert of_two.in_base() is None
     assert np.isnan(of_two.pose_covariance).all()
+
+
+def test_it_says_what_it_is_by_and_why_it_has_no_bearings() -> None:
+    assert estimate().source is Source.MEMORY
+    assert estimate(carried=True).source is Source.CARRIED
+    doubt = Reason.TILTED.of(4.0)
+    unseen = sight(bearings=None, reason=doubt)
+    blind = goal_estimate(unseen, None, MOUNTED)
+    assert (blind.source, blind.cause) == (Source.NOTHING, Reason.TILTED)

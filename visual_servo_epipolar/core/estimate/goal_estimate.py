@@ -1,6 +1,7 @@
 """The estimate of the goal: where it is, how sure, by which motion; one value an image."""
 
 from dataclasses import dataclass, field, fields
+from enum import Enum
 import math
 from typing import Any
 
@@ -13,6 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.odometry.legs import Slope
+from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
 from visual_servo_epipolar.core.twoview.measurement import Measurement
@@ -20,6 +22,15 @@ from visual_servo_epipolar.core.twoview.rivals import Rivals
 
 UNKNOWN: FloatArray = np.full((3, 3), np.nan)
 USUAL_STEP_S = 0.1  # between two images, where no others came before
+
+
+class Source(Enum):
+    """What an estimate is by; CARRIED: by the memory of views, too few features for two views."""
+
+    NOTHING = ''
+    TWO_VIEWS = 'two views'
+    MEMORY = 'memory of views'
+    CARRIED = 'memory of views alone'
 
 
 @dataclass(frozen=True)
@@ -68,6 +79,12 @@ class GoalEstimate(Measurement):
     jitter: float = 0.0
     trusted_heading: float = math.nan
     followed: Rivals | None = None
+    source: Source = Source.NOTHING
+
+    @property
+    def cause(self) -> Reason:
+        """Why no bearings are trusted, or what else is wrong."""
+        return reason_of(self.reason)
 
     @property
     def twist(self) -> Twist:
@@ -107,14 +124,18 @@ def goal_estimate(
     **known: Any,
 ) -> GoalEstimate:
     """Return the estimate by a ``measurement`` of the axle, a ``reading`` of the map, and more."""
-    covariance = UNKNOWN
+    covariance, source = UNKNOWN, Source.NOTHING
     if measurement.offset is not None and reading is not None:
         covariance = at_axle(reading.covariance[:PLACE, :PLACE], measurement, mounted)
+        source = Source.CARRIED if measurement.carried else Source.MEMORY
+    elif measurement.bearings is not None:
+        source = Source.TWO_VIEWS
     return GoalEstimate(
         **{item.name: getattr(measurement, item.name) for item in fields(Measurement)},
         pose_covariance=covariance,
         mount=mounted.mount,
         range=mounted.distance if mounted.is_ranged else math.nan,
+        source=source,
         **known,
     )
 
