@@ -115,7 +115,7 @@ def goal(seen: Measurement, state: ServoState = START) -> GoalEstimate:
         seen,
         None,
         known.extrinsics or SETTINGS.extrinsics,
-        response=known.delay.response,
+        known.base,
         place=state.map.place,
         motion=state.motion,
         period=state.view.period,

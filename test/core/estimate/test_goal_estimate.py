@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from servo_states import reading, SETTINGS, sight
 
-from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, Source
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate, Source
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.fixed_mount import offset_at_axle
 
@@ -24,7 +24,7 @@ def estimate(pose=POSE, mount=MOUNT, mounted=MOUNTED, **changes):
     offset = offset_at_axle((x, y), heading, mount)
     seen = replace(sight(), offset=offset, heading_error=heading, **changes)
     known = reading(pose_covariance=OF_CAMERA)
-    return goal_estimate(seen, known, mounted)
+    return goal_estimate(seen, known, mounted, BaseModel())
 
 
 def vector(pose=POSE, mount=MOUNT):
@@ -68,7 +68,7 @@ def test_a_mount_that_is_likely_but_not_believed_adds_what_it_differs_by() -> No
 
 
 def test_two_views_have_bearings_and_no_pose() -> None:
-    of_two = goal_estimate(sight(), None, MOUNTED)
+    of_two = goal_estimate(sight(), None, MOUNTED, BaseModel())
     assert (of_two.source, of_two.cause) == (Source.TWO_VIEWS, Reason.NONE)
     assert of_two.in_base() is None
     assert np.isnan(of_two.pose_covariance).all()
@@ -79,5 +79,5 @@ def test_it_says_what_it_is_by_and_why_it_has_no_bearings() -> None:
     assert estimate(carried=True).source is Source.CARRIED
     doubt = Reason.TILTED.of(4.0)
     unseen = sight(bearings=None, reason=doubt)
-    blind = goal_estimate(unseen, None, MOUNTED)
+    blind = goal_estimate(unseen, None, MOUNTED, BaseModel())
     assert (blind.source, blind.cause) == (Source.NOTHING, Reason.TILTED)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from servo_states import reading, SETTINGS, sight
 
-from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.evaluation.benchmarks import consistency
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -24,7 +24,7 @@ def test_errors_of_as_many_deviations_in_each_part_are_that_squared() -> None:
         offset=(POSE.x + 0.02, POSE.y - 0.04),
         heading_error=POSE.heading_error + 0.009 + 2.0 * math.pi,
     )
-    said = goal_estimate(seen, reading(pose_covariance=covariance), exact)
+    said = goal_estimate(seen, reading(pose_covariance=covariance), exact, BaseModel())
     assert consistency.ratios(said, POSE) == pytest.approx([(4.0 + 4.0 + 9.0) / 3.0, 4.0, 9.0])
 
 

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.estimate.extrinsics import (
     Extrinsics,
     YAW,
 )
-from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate
 from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose, relative_pose
 from visual_servo_epipolar.core.goal import NO_GOAL
@@ -195,7 +195,7 @@ def _estimated(
     if fusion.reading is not None and views is not None and views.geometry is not None:
         mounted = _mounted(settings.extrinsics, views.geometry)
         measurement = of_the_axle(fusion.measurement, mounted)
-        goal_pose = goal_estimate(measurement, fusion.reading, mounted).in_base()
+        goal_pose = goal_estimate(measurement, fusion.reading, mounted, BaseModel()).in_base()
         dock = None if goal_pose is None else DockPose(*goal_pose)
     state = state.changed(
         goal=replace(state.goal, map=fusion.map), memory=fusion.memory, frame=state.view.frame + 1

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields
 from enum import Enum
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,20 @@ class Source(Enum):
     CARRIED = 'memory of views alone'
 
 
+class BaseModel(NamedTuple):
+    """
+    Base as driving shows it.
+
+    ``delay`` [s], 0 until it is known, and ``response``, how late it obeys at all [s], nan until
+    then; ``dead_band`` [m/s, rad/s]; ``curvature`` [rad/m].
+    """
+
+    delay: float = 0.0
+    response: float = math.nan
+    dead_band: tuple[float, float] = (0.0, 0.0)
+    curvature: float = 0.0
+
+
 @dataclass(frozen=True)
 class MotionState:
     """
@@ -60,18 +74,18 @@ class GoalEstimate(Measurement):
 
     It is the measurement of the axle; ``offset`` and ``heading_error`` have the
     ``pose_covariance`` of right, ahead and heading, (3, 3), nan without a scale. ``mount`` is yaw
-    [rad], forward and left [m] of the camera, (3,), and ``response`` how late the base obeys [s],
-    nan until it has shown. ``range`` is the distance that bearings and commands show [m], nan
-    while they hardly do, and ``place`` the average of what the map has, None without. ``motion``
-    is what was commanded until then; ``period`` the time between two images [s], smoothed, nan
-    before the second, and ``jitter``, by how much it varies [s]; ``trusted_heading``, the heading
-    error of the last measurement by which it drove [rad], nan before; ``followed``, two geometries
-    that fit, until the way shows which is false, None where one is left.
+    [rad], forward and left [m] of the camera, (3,), and ``base`` the model of the base by which it
+    was made. ``range`` is the distance that bearings and commands show [m], nan while they hardly
+    do, and ``place`` the average of what the map has, None without. ``motion`` is what was
+    commanded until then; ``period`` the time between two images [s], smoothed, nan before the
+    second, and ``jitter``, by how much it varies [s]; ``trusted_heading``, the heading error of
+    the last measurement by which it drove [rad], nan before; ``followed``, two geometries that
+    fit, until the way shows which is false, None where one is left.
     """
 
     pose_covariance: FloatArray = field(default_factory=lambda: UNKNOWN)
     mount: FloatArray = field(default_factory=lambda: np.zeros(3))
-    response: float = math.nan
+    base: BaseModel = BaseModel()
     range: float = math.nan
     place: FilteredPose | None = None
     motion: MotionState = MotionState()
@@ -121,6 +135,7 @@ def goal_estimate(
     measurement: Measurement,
     reading: MapLocalization | None,
     mounted: Extrinsics,
+    base: BaseModel,
     **known: Any,
 ) -> GoalEstimate:
     """Return the estimate by a ``measurement`` of the axle, a ``reading`` of the map, and more."""
@@ -134,6 +149,7 @@ def goal_estimate(
         **{item.name: getattr(measurement, item.name) for item in fields(Measurement)},
         pose_covariance=covariance,
         mount=mounted.mount,
+        base=base,
         range=mounted.distance if mounted.is_ranged else math.nan,
         source=source,
         **known,

@@ -114,7 +114,7 @@ def _landing_turn(angle: float, goal: GoalEstimate, settings: DriveSettings) -> 
 
     What was commanded and has not acted is turned already; 0 where that is unknown.
     """
-    late = math.nan if is_late(settings) else goal.response
+    late = math.nan if is_late(settings) else goal.base.response
     if math.isnan(late) or not (settings.turn_gain and settings.options.speed_ramps):
         return 0.0
     now_ns = goal.stamp_ns

@@ -94,7 +94,7 @@ def _see(
             fusion.measurement,
             fusion.reading,
             mounted,
-            response=identified.delay.response,
+            identified.base,
             place=fusion.map.place,
             motion=motion,
             period=period,

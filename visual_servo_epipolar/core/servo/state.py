@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 from visual_servo_epipolar.core.estimate.base_model import Curvature, Delay
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand
 from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, StraightLeg
-from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, MotionState
+from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, GoalEstimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
 from visual_servo_epipolar.core.estimate.odometry import Odometry
@@ -47,6 +47,12 @@ class Identification:
     delay: Delay = Delay()
     odometry: Odometry = Odometry()
     straight: StraightLeg | None = None
+
+    @property
+    def base(self) -> BaseModel:
+        """What driving has shown of the base."""
+        dead_band = self.dead_band.linear.value, self.dead_band.angular.value
+        return BaseModel(self.delay.value, self.delay.response, dead_band, self.curvature.value)
 
     def effective(self, settings: SettingsT) -> SettingsT:
         """Return ``settings`` with delay and dead band of the base as they are by now."""
