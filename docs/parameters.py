@@ -77,7 +77,7 @@ UPGRADING = """\
 | `~/progress` and `~/result` of the servo, `~/frames` of the camera | `phase`, `/diagnostics`, `goal_pose`; `/tf` |
 | `two_robots.launch.py`, `frame_prefix` | `simulation.launch.py` twice, with a `namespace` each |
 | retries, timeouts and `wait_for_charge` of `dock_robot` | a behaviour tree; the timeouts of the servo |
-| `on_error`, `servo`, `storage`, `split_size`, `split_duration` of the recorder | its diagnostics; `ros2 bag convert` |
+| `on_error`, `servo`, `split_size`, `split_duration` of the recorder | its diagnostics; `ros2 bag convert` |
 | a list of files as `desired_image` | a folder of photographs |
 | images taken for rectified by the name of their topic | `rectified: true` |
 | images of 16 bits, `nv21`, `nv24`; compressed ones but JPEG, PNG | a driver or image_proc that sends 8 bits |

@@ -99,6 +99,11 @@ def test_a_bag_names_the_distribution_of_ros(tmp_path, monkeypatch, sourced) -> 
         assert expected.encode() in (tmp_path / 'bag' / name).read_bytes()
 
 
+def test_sqlite3_is_refused_with_what_to_do_instead() -> None:
+    with pytest.raises(ValueError, match='storage must be mcap, got sqlite3.*"ros2 bag convert"'):
+        RecordSettings(storage='sqlite3')
+
+
 def burst(folder: Path, when_full: str) -> tuple[int, int, int]:
     """Offer far more than may wait; return how many were taken, written, dropped."""
     recorder = Recorder(folder, RecordSettings(queue_size=0.001, when_full=when_full))
