@@ -271,7 +271,8 @@ def is_believed(yaw: float, *, deviation: float, log_distance: float, missed: bo
     [
         (4.1, 1.0, 0.24, (True, True)),
         (-4.1, 1.0, 0.24, (True, True)),
-        (3.9, 1.0, 0.24, (False, False)),
+        (3.9, 1.0, 0.24, (False, True)),
+        (3.4, 1.0, 0.24, (False, False)),
         (1.9, 0.1, 0.24, (False, False)),  # too little to matter
         (4.1, 1.0, 0.26, (False, True)),
         (4.1, 1.0, 0.51, (False, False)),  # the distance is not known: nor is the rest

@@ -9,9 +9,9 @@ from servo_states import in_phase, MEMORY, reading, seeing, SETTINGS, sight, TWO
 
 from visual_servo_epipolar.core.estimate.extrinsics import (
     Extrinsics,
-    FAULT,
     LEG_M,
     LEVER,
+    MAX_CONTRADICTIONS,
     PLAUSIBLE,
     straight_on,
     StraightLeg,
@@ -144,7 +144,7 @@ def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
     assert seen_next(state) is not None
-    disproved = replace(SETTINGS.extrinsics, contradictions=2 * FAULT + 1)
+    disproved = replace(SETTINGS.extrinsics, contradictions=MAX_CONTRADICTIONS + 1)
     monkeypatch.setattr(estimator, 'update_extrinsics', lambda *_, **__: disproved)
     assert seen_next(state) is None
 

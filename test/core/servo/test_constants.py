@@ -9,13 +9,11 @@ from servo_states import asked, BEARINGS, in_phase, ranged, SETTINGS, sight
 from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import (
     CORRELATION,
-    FAULT,
     moved,
     PSI,
     update_extrinsics,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.arrival import has_parallax
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -98,17 +96,17 @@ def test_a_settled_robot_is_not_stirred_by_its_dead_band(mode: str) -> None:
     assert unsettled == (STANDSTILL if mode == 'zero' else Twist(0.05, -0.1))
 
 
-@pytest.mark.parametrize(('more', 'contradicts'), [(0, False), (1, True)])
-def test_more_than_two_faults_disprove_a_geometry(more: int, contradicts: bool) -> None:
-    assert ranged(contradictions=2 * FAULT + more).contradicts == contradicts
+@pytest.mark.parametrize(('count', 'contradicts'), [(12, False), (13, True)])
+def test_more_than_twelve_contradictions_disprove_a_geometry(count, contradicts) -> None:
+    assert ranged(contradictions=count).contradicts == contradicts
 
 
-@pytest.mark.parametrize(('part', 'faults'), [(0.98, 0), (1.02, FAULT)])
-def test_a_bearing_that_contradicts_the_path_begins_it_anew(part: float, faults: int) -> None:
+@pytest.mark.parametrize(('deviations', 'faults'), [(5.9, 0), (6.1, 5)])
+def test_a_bearing_six_deviations_off_begins_the_path_anew(deviations: float, faults: int) -> None:
     before, deviation, heading = ranged(), 0.01, BEARINGS.heading_error
     there = moved(replace(before, travel=0.05), heading)
     variance = there.covariance[PSI, PSI] + CORRELATION * deviation**2
-    psi = float(there.mean[PSI]) + part * math.sqrt(CONTRADICTING * variance)
+    psi = float(there.mean[PSI]) + deviations * math.sqrt(variance)
     odd = sight(bearings=Bearings(psi, psi - BEARINGS.psi + BEARINGS.phi), deviation=deviation)
     after = update_extrinsics(before, odd, 0.05, missed=False)
     assert after.contradictions == faults

@@ -21,7 +21,7 @@ from servo_states import (
 )
 from strategies import CAMERA, matches
 
-from visual_servo_epipolar.core.estimate.extrinsics import FAULT, YAW
+from visual_servo_epipolar.core.estimate.extrinsics import MAX_CONTRADICTIONS, YAW
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.memory import yaw_learnt
@@ -41,7 +41,7 @@ from visual_servo_epipolar.core.twoview.perceive import Perception
 
 def contradicted(phase: Phase) -> ServoState:
     """Return a state at which one more bearing off the path is too much."""
-    return in_phase(phase, extrinsics=ranged(contradictions=2 * FAULT))
+    return in_phase(phase, extrinsics=ranged(contradictions=MAX_CONTRADICTIONS))
 
 
 # Where the robot has not gone: the line of sight turned by a radian while it turned by 0.1.
@@ -76,7 +76,7 @@ def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:
     turned = Bearings(BEARINGS.psi, BEARINGS.phi - 0.1)
     state = then(contradicted(Phase.ZEROING_EPIPOLES), sight(bearings=turned))
     assert state.phase is not Phase.HOLDING
-    assert state.identified.extrinsics.contradictions == 2 * FAULT - 1
+    assert state.identified.extrinsics.contradictions == MAX_CONTRADICTIONS - 1
 
 
 # A yaw that is learnt on the way

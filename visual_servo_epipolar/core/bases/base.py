@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import math
 from typing import Protocol, TypeAlias
 
-from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.geometry.motion import Twist
+
+ROUNDING = 1e-15  # of a command within its limits
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimate.extrinsics import LEAST_HEADING_DEVIATION
 from visual_servo_epipolar.core.estimate.settings import DriveSettings, SettingsT, with_identified
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
@@ -27,13 +26,14 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 MOST_CURVATURE = 0.3  # of wheels that shall roll straight on: unequal by a tenth [rad/m]
 MOST_DELAY_S = 1.5  # from an image to the motion that it causes [s]
 MOST_CONTRADICTIONS = 3  # of commands or odometry, less the times that they agreed since
-MOST_TURN_RATIO = 1.6  # of a turn over that commanded; or the other way round
+MOST_TURN_RATIO = 1.6  # of a turn over that commanded
 # Way by the wheels over that commanded: no base drives farther, and many drive less.
 FASTER, SLOWER = 1.25, 0.5
 # What any base follows [m/s, rad/s], or a larger part of the largest velocity.
 FOLLOWED, FOLLOWED_PART = 0.065, 0.2
 LATENCY_S = 0.2  # from a command to the image that shows its effect
 CHANGE_DECAY = 0.5  # of a change of the angular velocity, in one frame
+LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
 NOISE_OF_PARALLAX = 2.0  # that it is at most without any, in deviations of a coordinate
 FIRST_VARIANCE = 0.05**2  # of the curvature: 3 deg/m [rad^2/m^2]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
@@ -43,10 +43,12 @@ INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
 LEAST_TURN = 2e-3  # that is seen in an interval [rad]
+PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
 LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
 LEAST_RESPONSE_POWER = 2e-3  # the same, where none is changed for it [rad^2]
 SOON_S = 0.5  # in which a base follows whose delay is unknown
 LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
+GAINS = 0.6, 1.6  # turns seen over turns commanded, of a base that obeys
 UNEXPLAINED = 0.15  # most share of squared turns that the delay leaves
 CLEARLY = 3.0  # times as much is left without it
 
@@ -106,12 +108,12 @@ def heading_deviation(measurement: Measurement) -> float:
     if math.isfinite(measurement.heading_deviation):
         return measurement.heading_deviation
     if measurement.bearings is not None:
-        return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_DEVIATION**2))
+        return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
     if math.isnan(measurement.parallax):
         return math.inf
     # A rotation alone takes for a turn what is parallax, but for the noise in it.
     parallax = measurement.parallax - NOISE_OF_PARALLAX * measurement.noise
-    return max(parallax, LEAST_HEADING_DEVIATION)
+    return max(parallax, math.sqrt(LEAST_HEADING_VARIANCE))
 
 
 def heading_variance(measurement: Measurement) -> float:
@@ -123,7 +125,7 @@ def heading_variance(measurement: Measurement) -> float:
 def _heading_noise(measurement: Measurement) -> float:
     """Return the variance of a heading [rad^2], never below the least, which stands for nan."""
     variance = heading_variance(measurement)
-    return LEAST_HEADING_DEVIATION**2 + (0.0 if math.isnan(variance) else variance)
+    return LEAST_HEADING_VARIANCE if math.isnan(variance) else variance + LEAST_HEADING_VARIANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +165,7 @@ class Delay:
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
         if (
             not 0.0 < gap <= settings.stale_timeout
-            or abs(turn) > MOST_TURN_RATIO * settings.max_angular * gap
+            or abs(turn) > PUSHED * settings.max_angular * gap
         ):
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
@@ -202,8 +204,7 @@ class Delay:
     def _fits(self, left: FloatArray, place: int) -> bool:
         """Return whether the delay in ``place`` explains the turns, with wheels that obey."""
         gain = self.sums[0, place] / max(self.sums[1, place], 1e-12)
-        obeys = 1.0 / MOST_TURN_RATIO < gain < MOST_TURN_RATIO
-        return bool(left[place] <= UNEXPLAINED * self.energy and obeys)
+        return bool(left[place] <= UNEXPLAINED * self.energy and GAINS[0] < gain < GAINS[1])
 
     @property
     def response(self) -> float:

@@ -24,6 +24,7 @@ PATIENCE_S, PATIENCE_ON_WAY_S = 0.3, 1.0
 LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
 STANDING = 0.5  # of what was commanded: a base that moved less stands, at least now and then
 OF_PULSES = 0.15  # the same of pulses, most of which a base may spend on speeding up, and on a way
+DISCERNIBLE = 2.0  # pulses, by which wheels of a bend must turn the base, else a dead band may fit
 SMOOTHING = 0.2  # weight of the newest position of a standing robot
 MANY = 4.0  # pulses, of which one may not have acted yet
 MARGIN = 2.5  # over the velocity that was not followed: it may be twenty times as fast that is
@@ -82,7 +83,6 @@ class Threshold:
         or a gap between images, in which a command may have been withdrawn, or stamps that leap.
         None at all is a pause. What a base does first may be what was commanded before its
         ``latency`` [s]. Whether it ``stands`` after few pulses tells, unless moves are judged.
-        Wheels of a bend must turn the base by far more than a pulse, else a dead band may fit.
         """
         side = math.copysign(1.0, velocity) if velocity else self.side
         turns = side * self.side < 0.0 and (self.asked != 0.0 or not self.value)
@@ -109,7 +109,7 @@ class Threshold:
         many = lasted >= late + patience and abs(asked) >= MANY * self.value * dt
         has_acted = many or (pulses and idle + dt > late)
         enough = abs(asked) >= max(LEAST_ASKED, math.sqrt(CONTRADICTING) / STANDING * deviation)
-        tells = not (self.stood and STANDING * abs(self.bend * after.way) < self.value * dt)
+        tells = not (self.stood and abs(self.bend * after.way) < DISCERNIBLE * self.value * dt)
         return after._judged(position, dt, most) if enough and has_acted and tells else after
 
     def after_pulses(self, way: float, gone: float, error: float, most: float) -> 'Threshold':

@@ -30,6 +30,7 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
+NEAREST = 0.02  # [m]
 FIRST_DISTANCE = 3.0  # [m], of an unknown scale: one to eight metres
 LENS = 0.02  # of a turn of a radian, that two views may show wrong: the lens is not known to them
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
@@ -41,18 +42,22 @@ REMEMBERED = 0.1  # least deviation of the logarithm of a distance by a memory o
 CONVERGED, LONGEST_STEP, MOST_ITERATIONS = 0.02, 0.7, 8
 # Deviation of the logarithm of a distance that is known: at first, and after a missed attempt.
 RANGED = (0.25, 0.5)
+MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
+# Deviations from the configured one, until believed: at first, after a miss.
+SIGNIFICANT = 4.0, 3.5
 # Below which little is gained [rad, m, m]; an offset aside alone is never certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
 # Of a yaw that legs by a memory of views tell, and its deviations from the configured one.
 LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
-LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]; and the least distance [m]
+LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
+GATE = 6.0  # deviations beyond which a bearing begins the path anew
 PLAUSIBLE = 5.0  # deviations from the configured mount, beyond which another thing was learnt
-FAULT = 5  # what one bearing that contradicts the path counts, which begins it anew
+FAULT = 5  # what one bearing beyond the gate counts as a contradiction
 LEG_M = 0.25  # over which a direction is measured
 OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
 LEAST_LEVER, LEVER = 0.01, 0.1  # by which a turn may swing the camera aside of where it is [m]
-LEAST_HEADING_DEVIATION = 5e-4  # also of the mean of a leg [rad]
+LEAST_LEG_DEVIATION = 5e-4  # of the mean heading of a leg [rad]
 MOST_DEVIATION = math.radians(0.5)  # of what a leg tells: far off a memory may be wrong by more
 MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
 
@@ -96,7 +101,7 @@ class Extrinsics:
     @property
     def contradicts(self) -> bool:
         """Whether the bearings contradict what was driven."""
-        return self.contradictions > 2 * FAULT
+        return self.contradictions > MAX_CONTRADICTIONS
 
     @property
     def is_ranged(self) -> bool:
@@ -146,7 +151,7 @@ def predict_path(mean: FloatArray, headings: tuple[float, float], travel: float)
     by_forward, by_left = (swing @ lever).tolist()
     x, y = distance * math.cos(psi), distance * math.sin(psi)
     new_x, new_y = right + by_forward + x, ahead + by_left + y
-    square = max(new_x * new_x + new_y * new_y, LEAST_STEP**2)
+    square = max(new_x * new_x + new_y * new_y, NEAREST**2)
     (right_f, right_l), (ahead_f, ahead_l) = swing.tolist()
     # derivatives of the new place by the unknowns
     by_place = np.array([[-y, x, ahead, right_f, right_l], [x, y, -right, ahead_f, ahead_l]])
@@ -267,7 +272,7 @@ def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     All that it tells has one scale, and hence one error: the next view of it adds nothing to what
     the belief has of it already, and a distance that contradicts it is dropped.
     """
-    distance = max(distance, LEAST_STEP)
+    distance = max(distance, NEAREST)
     innovation = math.log(distance) - before.mean[RHO]
     variance, known = max(REMEMBERED, deviation / distance) ** 2, before.covariance[RHO, RHO]
     if innovation * innovation > CONTRADICTING * (variance + known):  # that of before is wrong
@@ -308,7 +313,7 @@ def update_extrinsics(
         return after
     before, after = (replace(each, remembers=remembers) for each in (before, after))
     after, innovation = seen(after, bearings.psi, deviation, anew=switched)
-    if (has_leapt := innovation**2 > CONTRADICTING) or not (switched or is_plausible(after)):
+    if (has_leapt := abs(innovation) > GATE) or not (switched or is_plausible(after)):
         begun = before if has_leapt else unplaced(before.configured, before.deviations)
         faults = before.contradictions + FAULT
         anew = replace(begun, contradictions=faults, ambiguous=before.ambiguous)
@@ -343,7 +348,7 @@ def is_significant(belief: Extrinsics, missed: bool) -> bool:
         return False
     changes = (belief.mean[YAW:] - belief.configured).tolist()
     return any(
-        change**2 > CONTRADICTING * deviation**2 and abs(change) > least
+        abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
         for change, deviation, least in zip(changes, deviations, LEAST, strict=True)
     )
 
@@ -387,7 +392,7 @@ class StraightLeg:
         aside = math.hypot(OF_BOTH * self.deviation, OF_BOTH * end.deviation, swing) / way
         if aside > MOST_DEVIATION:
             return 0.0, math.inf
-        return self.turned / self.travel - driven, math.hypot(aside, LEAST_HEADING_DEVIATION)
+        return self.turned / self.travel - driven, math.hypot(aside, LEAST_LEG_DEVIATION)
 
     def followed_by(self, end: 'StraightLeg', yaw: float, deviation: float) -> 'StraightLeg':
         """Return the leg that begins at the ``end`` of this one, which gave a ``yaw`` [rad]."""

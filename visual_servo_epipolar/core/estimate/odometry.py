@@ -18,19 +18,19 @@ from visual_servo_epipolar.core.estimate.base_model import (
     MOST_DEVIATION,
     SLOWER,
 )
-from visual_servo_epipolar.core.estimate.dead_band import LEAST_ASKED
-from visual_servo_epipolar.core.estimate.map_state import TURN_OF_WAY
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
-from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.stamps import MOST_GAP_S
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
-SEEN_TURN = 0.12  # after which it is held against images [rad]
-SHARE = 0.15  # of a turn or way that is seen, that wheels may differ by
+SEEN_TURN, SEEN_WAY = 0.12, 0.3  # motion after which it is held against images [rad, m]
+DEVIATIONS = 5.0  # of a turn that is seen
+# What wheels may differ by from what is seen: of a turn, of a way, by unequal wheels [rad/m], and
+# by what a view has [m].
+TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_WAY = 0.15, 0.1, 0.12, 0.003
 JUMP_SPEEDS, JUMP_WAY, JUMP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
-LONG_WAY = 0.4  # after which it is held against images and commands [m]
+COMMANDED_WAY = 0.4  # commanded, after which it is held against that [m]
 LATE = 0.17  # of a way commanded, that a base obeys late [m]
 
 
@@ -69,7 +69,7 @@ class OdometryCheck:
     def is_long(self) -> bool:
         """Whether it is long enough for a verdict."""
         turn = max(abs(self.motion.turn), abs(self.commanded.turn))
-        return turn >= SEEN_TURN or max(abs(self.motion.way), abs(self.commanded.way)) >= LONG_WAY
+        return turn >= SEEN_TURN or max(abs(self.motion.way), abs(self.commanded.way)) >= SEEN_WAY
 
     def turn(self, now: Measurement) -> MotionComparison:
         """Compare turns."""
@@ -78,9 +78,9 @@ class OdometryCheck:
             abs(math.remainder(each.turn - seen, 2.0 * math.pi))
             for each in (self.motion, self.commanded)
         )
-        bound = SHARE * max(abs(seen), abs(self.motion.turn)) + MOST_DEVIATION
+        bound = TURN_SHARE * max(abs(seen), abs(self.motion.turn)) + MOST_DEVIATION
         bound += TURN_OF_WAY * abs(self.motion.way)
-        bound += math.sqrt(CONTRADICTING) * math.hypot(*map(heading_deviation, (self.seen, now)))
+        bound += DEVIATIONS * math.hypot(*map(heading_deviation, (self.seen, now)))
         return MotionComparison(seen, error, commanded, bound)
 
     def way(self, now: Measurement) -> MotionComparison:
@@ -90,7 +90,7 @@ class OdometryCheck:
         heading = self.seen.heading_error + 0.5 * self.motion.turn
         (right, ahead), (x, y) = now.offset, self.seen.offset
         seen = (ahead - y) * math.cos(heading) - (right - x) * math.sin(heading)
-        bound = SHARE * max(abs(seen), abs(self.motion.way)) + LEAST_ASKED
+        bound = WAY_SHARE * max(abs(seen), abs(self.motion.way)) + LEAST_WAY
         bound += max(now.offset_deviation, self.seen.offset_deviation)
         error, commanded = (abs(each.way - seen) for each in (self.motion, self.commanded))
         return MotionComparison(seen, error, commanded, bound)
@@ -112,7 +112,7 @@ class OdometryCheck:
     def stands(self, now: Measurement) -> bool:
         """Return whether a memory sees no more of a way than odometry says."""
         way = self.way(now)
-        return way.bound < LONG_WAY and way.fits  # else it does not know that way either
+        return way.bound < COMMANDED_WAY and way.fits  # else it does not know that way either
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ class Odometry:
         driven, commanded = side * self.driven, side * self.commanded
         begun = replace(self, driven=0.0, commanded=0.0)
         too_far = driven > FASTER * commanded + LATE
-        if not too_far and commanded < LONG_WAY:
+        if not too_far and commanded < COMMANDED_WAY:
             return self
         if not too_far and driven >= SLOWER * commanded - LATE:
             return replace(begun, untold=max(self.untold - 1, 0))._proven()

@@ -15,7 +15,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimate.map_state import TURN_OF_WAY
-from visual_servo_epipolar.core.estimate.odometry import SHARE
+from visual_servo_epipolar.core.estimate.odometry import TURN_SHARE
 from visual_servo_epipolar.core.geometry.motion import compose, inverse_pose, relative_pose
 from visual_servo_epipolar.core.routes.path import TaughtPath
 from visual_servo_epipolar.core.routes.route import Bridge, Route, RouteView
@@ -72,7 +72,7 @@ class ViewStep(NamedTuple):
     def is_believed(self) -> bool:
         """Whether both differ by no more than wheels slip."""
         largest = max(abs(float(self.driven[2])), abs(float(self.driven[2]) + self.turn))
-        most = 2.0 * UNKNOWN_TURN + TURN_OF_WAY * self.way + SHARE * largest
+        most = 2.0 * UNKNOWN_TURN + TURN_OF_WAY * self.way + TURN_SHARE * largest
         return abs(self.turn) <= most
 
 

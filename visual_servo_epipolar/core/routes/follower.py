@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
-from visual_servo_epipolar.core.estimate.odometry import LONG_WAY
+from visual_servo_epipolar.core.estimate.odometry import COMMANDED_WAY
 from visual_servo_epipolar.core.geometry.motion import compose, relative_pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, WITHDRAWN_S
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
@@ -162,7 +162,7 @@ class PathEstimate:
         self.covariance, self.is_placed = 0.5 * (after + after.T), True
         self.way, self._curvature = point.way, point.curvature
         self._seen_way, self.way_variance = point.way, 0.0
-        if self._commanded > LONG_WAY:
+        if self._commanded > COMMANDED_WAY:
             moved = abs(self.way - self._marked)
             if moved < LEAST_OBEYED * self._commanded:
                 self.disobeyed = (
