@@ -30,9 +30,9 @@ def numbers(values: Iterable[float | None], digits: int = 1, scale: float = 1.0)
     return ' / '.join(number(value, digits, scale) for value in values)
 
 
-def percentiles(values: Sequence[float] | FloatArray, *which: int) -> str:
+def percentiles(values: Sequence[float] | FloatArray, *which: int, digits: int = 2) -> str:
     """Return percentiles of ``values``; one dash if there are no values."""
-    return numbers(np.percentile(values, which).tolist(), 2) if len(values) else '-'
+    return numbers(np.percentile(values, which).tolist(), digits) if len(values) else '-'
 
 
 def aligned(head: str, rows: Rows, *, left: int = 1) -> list[str]:

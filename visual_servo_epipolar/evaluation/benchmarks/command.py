@@ -28,6 +28,7 @@ FOLDERS = {
     'routes': ('clips', f'{BENCHMARKS["routes"]}:read_clips'),
     'report': ('out', 'builtins:str'),
 }
+USUAL = [name for name in BENCHMARKS if name not in FOLDERS]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -56,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
             f'unknown benchmark {", ".join(unknown)}; choose from {", ".join(BENCHMARKS)}'
         )
     results: dict[str, Any] = {}
-    for name in options.which or [name for name in BENCHMARKS if name not in FOLDERS]:
+    for name in options.which or USUAL:
         benchmark = _benchmark(name)
         with closing(Progress()) as progress:
             results[name] = benchmark.run(

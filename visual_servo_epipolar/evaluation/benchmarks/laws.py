@@ -15,12 +15,11 @@ import math
 from operator import itemgetter
 from typing import Any
 
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, saturate, Twist, wrap_angle
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.steering import aim, curvature, Gains, polar_pose
 from visual_servo_epipolar.core.rigs.rig import Command, HALT
-from visual_servo_epipolar.core.servo.run_log import RunLog, summarise, WRONG_DEG, WRONG_M
+from visual_servo_epipolar.core.servo.run_log import summarise, WRONG_DEG, WRONG_M
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -29,7 +28,7 @@ from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive
 from visual_servo_epipolar.evaluation.benchmarks.sweeps import LONGEST_S, within
 from visual_servo_epipolar.evaluation.tables import aligned, cells, Columns, number, numbers
-from visual_servo_epipolar.simulation.closed_loop import Control, Loop, LoopSettings, View
+from visual_servo_epipolar.simulation.closed_loop import Control, Loop
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import points_of
@@ -141,21 +140,7 @@ def displaced(pose: Pose, settings: ServoSettings) -> Twist:
     return Twist(speed * math.cos(off), speed * math.sin(off) / OFF_AXLE)
 
 
-PoseLaw = Callable[[Pose, ServoSettings], Twist]
-POSE_LAWS: dict[str, PoseLaw] = {
-    'polar': polar,
-    'graceful': graceful,
-    'displaced': displaced,
-}
-
-
-def drive_by_pose(name: str, settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
-    """Drive by a law of POSE_LAWS until the features match, and return the record."""
-    loop, law = Loop(settings, view, camera), POSE_LAWS[name]
-    control = as_step(lambda *_: law(loop.driven.pose, settings.servo))
-    return loop.run(control=control)
-
-
+POSE_LAWS = {'polar': polar, 'graceful': graceful, 'displaced': displaced}
 REGIONS = ('front', 'beside')
 LAWS = ('full', 'smooth', *POSE_LAWS)
 STARTS = 20
@@ -206,14 +191,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
     """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
     scenario = within(Scenario().seeded(seed), LONGEST_S)
-    if law not in POSE_LAWS:
+    by_pose, control = POSE_LAWS.get(law), None
+    if by_pose is None:
         scenario = scenario.with_servo({'law': law})
-    loop, view = scenario.loop(start, seed), points_of(scenario, seed)
-    if law not in POSE_LAWS:
-        log = Loop(loop, view, scenario.camera.camera).run()
-    else:
-        log = drive_by_pose(law, loop, view, scenario.camera.camera)
-    summary = summarise(log)
+    view = points_of(scenario, seed)
+    loop = Loop(scenario.loop(start, seed), view, scenario.camera.camera)
+    if by_pose is not None:
+        control = as_step(lambda: by_pose(loop.driven.pose, scenario.servo))
+    summary = summarise(loop.run(control=control))
     return summary | {'law': law, 'fate': _fate(summary)}
 
 

@@ -10,12 +10,7 @@ from itertools import product
 import math
 from typing import Any
 
-from visual_servo_epipolar.evaluation.benchmarks.sweeps import (
-    ARRIVALS,
-    measure,
-    sweep,
-    TIME,
-)
+from visual_servo_epipolar.evaluation.benchmarks.sweeps import ARRIVALS, measure, sweep, TIME
 from visual_servo_epipolar.evaluation.tables import cells, Columns, markdown, number, numbers
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario

@@ -13,6 +13,7 @@ from typing import Any
 from visual_servo_epipolar.commands.main import BAD_INPUT, INTERRUPTS, SIGNALLED
 from visual_servo_epipolar.commands.outputs import OutputFolder
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.evaluation.benchmarks.command import USUAL
 from visual_servo_epipolar.files import write_whole
 from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.sweeping.provenance import commit
@@ -40,19 +41,7 @@ COMMANDS: Mapping[str, str] = {
         name: f'sweep --region front --scenario {name} --runs 24 --seed 21 {BOTH} --out {{out}}'
         for name in ('cheap', 'rough', 'nearwall', 'nearwall_boxes')
     },
-    **{
-        f'bench_{name}': f'bench {name}'
-        for name in (
-            'ablation',
-            'consistency',
-            'mounts',
-            'estimation',
-            'tracking',
-            'laws',
-            'calibration',
-            'latency',
-        )
-    },
+    **{f'bench_{name}': f'bench {name}' for name in USUAL},
     **{
         name: 'route demo --way short --scenario realistic --law smooth --runs 30 '
         f'--world {world} --out {{out}}'

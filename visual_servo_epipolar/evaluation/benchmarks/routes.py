@@ -41,7 +41,7 @@ from visual_servo_epipolar.evaluation.benchmarks.real import (
     set_lines,
     WRONG,
 )
-from visual_servo_epipolar.evaluation.tables import aligned, number, numbers, percentiles
+from visual_servo_epipolar.evaluation.tables import aligned, number, percentiles
 from visual_servo_epipolar.messages.route_folder import write_route
 from visual_servo_epipolar.simulation.routes import RIGHT_OFFSET, RIGHT_WAY
 
@@ -285,18 +285,14 @@ def _way_cells(way: Mapping[str, Any]) -> list[str]:
         str(way['key_views']),
         number(way['features'], 0),
         *(str(outcomes.count(what)) for what in ('found', 'refused', 'wrong')),
-        _percentiles([it['position_error_m'] for it in found], 3),
-        _percentiles([it['heading_error_deg'] for it in found], 2),
+        percentiles([it['position_error_m'] for it in found], 50, 100, digits=3),
+        percentiles([it['heading_error_deg'] for it in found], 50, 100),
         percentiles(ratios, 50, 95),
         ', '.join(str(int((peers[:, it] <= WRONG).all(1).sum())) for it in ([2], [0, 1])),
         f'{elsewhere["found"]} of {elsewhere["tried"]}',
         number(way['bytes_a_metre'], 0, 1e-3),
         number(way['teaching_ms'], 0),
     ]
-
-
-def _percentiles(values: list[float], digits: int) -> str:
-    return numbers(np.percentile(values, (50, 100)).tolist(), digits) if values else '-'
 
 
 def read_clips(folder: str) -> list[Clip]:

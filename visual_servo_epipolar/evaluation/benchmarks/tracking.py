@@ -143,11 +143,7 @@ class TrackingPlan:
     camera: CameraSettings = CameraSettings(noise=2.0, gain_drift=0.05)
 
 
-QUICK = TrackingPlan(
-    scenes=SCENES[:1],
-    frames=40,
-    camera=TrackingPlan().camera.resized(640, 480),
-)
+QUICK = TrackingPlan(SCENES[:1], 40, TrackingPlan().camera.resized(640, 480))
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
