@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import NEIGHBOURS
 from visual_servo_epipolar.core.tracking.matching import DesiredView
 from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
-from visual_servo_epipolar.core.tracking.tracks import fit_motion, MIN_SUPPORT
+from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion, MIN_SUPPORT
 from visual_servo_epipolar.core.tracking.warps import Warps
 
 MAX_UNSEEN = 40  # frames for which a prediction is followed
@@ -41,44 +41,58 @@ class PredictedFeatures(NamedTuple):
 
 
 class Predictions:
-    """Predictions of a tracker, which follow the motion of the image."""
+    """Predictions of a tracker, which follow the last motion not before somebody needs them."""
 
     def __init__(self) -> None:
         self._features = PredictedFeatures(Warps.empty(), np.empty(0, np.int64))
+        self._motion: tuple[ImageMotion | None, IntArray] | None = None  # to be followed yet
 
     def follow(self, last: Warps, tracked: Warps) -> BoolArray:
         """
         Follow the motion from the ``last`` frame to the M features ``tracked`` in this one.
 
-        These are in the order of the last frame. Returns which move as most do, shape (M,). Only
-        what is followed moves: not the features tracked, which will be corrected, and not what has
-        been out of sight for too long. Without a motion predictions become stale.
+        These are in the order of the last frame. Returns which move as most do, shape (M,).
         """
-        before, (warps, unseen) = last.current, self._features
+        self._catch_up()
+        before = last.current
         if len(tracked) < len(last):
             before = before[are_among(last.ids, tracked.ids)]
         motion = fit_motion(before, tracked.current)
+        self._motion = motion, tracked.ids
         if motion is None:
-            self._features = PredictedFeatures(warps, unseen + MAX_UNSEEN + 1)
             return np.ones(len(tracked), bool)
-        lost = ~are_among(warps.ids, tracked.ids) & (unseen <= MAX_UNSEEN)
-        current = warps.current.copy()
-        current[lost] = motion.applied(current[lost])
-        self._features = PredictedFeatures(replace(warps, current=current), unseen + 1)
         return ~motion.outliers(before, tracked.current, OUTLIER_PX)
 
     def correct(self, tracked: Warps) -> None:
         """Replace or add the predictions of ``tracked`` features."""
-        warps, unseen = self._features
+        warps, unseen = self._catch_up()
         kept = ~are_among(warps.ids, tracked.ids)
         unseen = np.concatenate([unseen[kept], np.zeros(len(tracked), np.int64)])
         self._features = PredictedFeatures(warps.take(kept).joined(tracked), unseen)
 
     def select(self, ids: IntArray) -> PredictedFeatures:
         """Return the predictions of the features ``ids``, shape (M,)."""
-        warps, unseen = self._features
+        warps, unseen = self._catch_up()
         rows = are_among(warps.ids, ids)
         return PredictedFeatures(warps.take(rows), unseen[rows])
+
+    def _catch_up(self) -> PredictedFeatures:
+        """
+        Follow the last motion; where there was none, predictions become stale.
+
+        Only what is followed moves: not the features tracked, which will be corrected, and not
+        what has been out of sight for too long.
+        """
+        if self._motion is not None:
+            (warps, unseen), (motion, tracked) = self._features, self._motion
+            if motion is not None:
+                lost = ~are_among(warps.ids, tracked) & (unseen <= MAX_UNSEEN)
+                current = warps.current.copy()
+                current[lost] = motion.applied(current[lost])
+                warps = replace(warps, current=current)
+            age = MAX_UNSEEN + 1 if motion is None else 1
+            self._features, self._motion = PredictedFeatures(warps, unseen + age), None
+        return self._features
 
 
 class Prediction(NamedTuple):
