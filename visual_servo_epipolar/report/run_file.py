@@ -5,7 +5,7 @@ Numbers are written so that they come back to the last bit; what could not be me
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 import json
 import math
 from pathlib import Path
@@ -19,7 +19,16 @@ from visual_servo_epipolar.files import whole
 
 FILE = 'run.json'
 FORMAT = 1
-PLAIN = [item.name for item in fields(Sample)][4:]  # numbers as they stand, the first one whole
+PLAIN = (  # fields of a Sample that are numbers as they stand
+    'features',
+    'epipole_current',
+    'epipole_desired',
+    'bearing_current',
+    'bearing_desired',
+    'feature_difference',
+    'feature_error',
+    'distance_estimate',
+)
 HEAD = ('seed', 'outcome', 'reason', 'attempts', 'law')
 
 

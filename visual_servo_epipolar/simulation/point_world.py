@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.sensor import (
 )
 
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
-TRIES = 5000  # draws that are given up
+TRIES = 200  # draws of pixels until the lens sees something at each
 ROUNDS = 3  # to find the row that a point is read out with
 
 

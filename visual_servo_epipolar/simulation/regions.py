@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.choices import refuse_unknown, REGIONS, StartRegion
-from visual_servo_epipolar.simulation.point_world import TRIES
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rigs import SimulatedRig
@@ -26,6 +25,7 @@ from visual_servo_epipolar.simulation.views import points_of
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
 Start = tuple[float, float, float]
 Condition = Callable[[Pose], bool]
+TRIES = 5000
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
 
 

@@ -25,6 +25,7 @@ from visual_servo_epipolar.simulation.bases import LEVEL, Nod
 
 DESIRED_FRAME = -1  # frame index of the desired photograph
 MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
+MAX_NOISE = 50.0  # standard deviation [grey levels]
 MIN_DEPTH_M = 0.3  # of what is in view
 SPARE = 64  # how far the noise field may be shifted [px]
 
@@ -67,7 +68,7 @@ class Sensor:
         if self._gain_drift > 0.0:
             image = cv2.convertScaleAbs(image, alpha=self._drifting_gain(frame_index, rng))
         if self._noise > 0.0:
-            return self._noisy(image, gain * self._noise, rng)
+            return self._noisy(image, min(gain * self._noise, MAX_NOISE), rng)
         return image.copy()
 
     def _drifting_gain(self, frame_index: int, rng: np.random.Generator) -> float:

@@ -248,9 +248,10 @@ def seen(
     innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
     noise = CORRELATION * deviation * deviation
     expected = float(before.covariance[PSI, PSI]) + (noise + LENS * LENS if anew else noise)
-    after = corrected(before, PSI, innovation, noise)
     if anew:
         after = known_anew(before, PSI, psi, noise)
+    else:
+        after = corrected(before, PSI, innovation, noise)
     return after, innovation / math.sqrt(expected)
 
 

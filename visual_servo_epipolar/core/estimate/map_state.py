@@ -37,6 +37,7 @@ PLACE = HEADING + 1
 SLIP, UNKNOWNS = PLACE, PLACE + 1
 SLIP_WALK = 0.02  # change of that share after a metre
 TURN_OF_WAY, ASIDE = 0.1, 0.003  # turn that a way may add [rad/m], and what it leads aside by
+LEAST = ROUNDING**2 * np.eye(PLACE)
 IDENTITY = np.eye(UNKNOWNS)
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 # Of views that show too little for two: what must agree with one place, which is where they drove.
@@ -98,10 +99,7 @@ def filter_pose(
     said: MapLocalization, place: FilteredPose | None, motion: Motion
 ) -> tuple[MapLocalization, FilteredPose]:
     """Return a recollection averaged with those before it, and the place for the next."""
-    mean, own = (
-        said.pose[:PLACE] - said.shift[:PLACE],
-        said.own[:PLACE, :PLACE] + ROUNDING**2 * np.eye(PLACE),
-    )
+    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
     if place is None:
         return said, first_pose(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)

@@ -32,7 +32,8 @@ RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
 LAST_LOOK_AHEAD = 0.03  # near the goal [m]
 LAST_TURN = 0.05  # that it may take [rad]
 MOST_TURNED = 0.35  # heading error to begin with [rad]
-MARGIN = 1.5  # of ways: over the bound of the distance, or what laws that back off may drive back
+# Of ways, over the bound of the distance; of laws without retreat, over what others drive back.
+MARGIN = 1.5
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 CORRECTION = 0.1  # backward, of a robot that never backs off [m]
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]

@@ -191,13 +191,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
     """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
     scenario = within(Scenario().seeded(seed), LONGEST_S)
-    by_pose, control = POSE_LAWS.get(law), None
+    by_pose = POSE_LAWS.get(law)
     if by_pose is None:
         scenario = scenario.with_servo({'law': law})
     view = points_of(scenario, seed)
     loop = Loop(scenario.loop(start, seed), view, scenario.camera.camera)
-    if by_pose is not None:
-        control = as_step(lambda: by_pose(loop.driven.pose, scenario.servo))
+    control = (
+        None if by_pose is None else as_step(lambda: by_pose(loop.driven.pose, scenario.servo))
+    )
     summary = summarise(loop.run(control=control))
     return summary | {'law': law, 'fate': _fate(summary)}
 
