@@ -104,10 +104,15 @@ def is_name(node: ast.AST) -> bool:
 
 
 def operands(node: ast.AST) -> list[ast.expr]:
-    """Return what a node compares, by an operator or a pattern."""
+    """Return what a node compares, by an operator, a pattern or a method of text."""
     if isinstance(node, ast.Compare):
         return [node.left, *node.comparators]
-    return [node.value] if isinstance(node, ast.MatchValue) else []
+    if isinstance(node, ast.MatchValue):
+        return [node.value]
+    methods = ('startswith', 'endswith', 'removeprefix', '__eq__')
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        return node.args if node.func.attr in methods else []
+    return []
 
 
 def comparisons(source: str) -> Iterator[int]:
@@ -116,6 +121,23 @@ def comparisons(source: str) -> Iterator[int]:
         compared = operands(node)
         if any(map(is_name, compared)):
             yield compared[0].lineno
+
+
+@pytest.mark.parametrize(
+    ('source', 'compares'),
+    [
+        ("'full' == law", True),
+        ("name not in {'paper'}", True),
+        ('registry.DEFAULT_LAW == law', True),
+        ("law.startswith(('full', 'other'))", True),
+        ("match law:\n    case 'other' | 'full':\n        pass", True),
+        ("def drive(law='full', other=DEFAULT_LAW): pass", False),
+        ("results['paper'] == results['full']", False),
+        ("law == 'other'", False),
+    ],
+)
+def test_a_comparison_with_a_name_is_found(source: str, compares: bool) -> None:
+    assert bool(list(comparisons(source))) is compares
 
 
 def test_no_module_compares_a_law_with_a_name() -> None:

@@ -1,8 +1,11 @@
 """A video holds every step and appears only when it is whole."""
 
+import base64
+import json
 from pathlib import Path
 import sys
 
+from browser import ask_browser, needs_browser
 import cv2
 import numpy as np
 import pytest
@@ -73,6 +76,21 @@ def test_map_shows_the_path_in_the_colour_of_the_phase(log: RunLog) -> None:
 
 FRAMES = 33
 LARGEST_MB_S = 5.0 / 27.0  # 5 MB for the 27 s of the demo
+PLAYER = """<!DOCTYPE html><video muted src="SOURCE"></video>
+<script>
+const video = document.querySelector('video');
+const tell = (result) => fetch('/', {method: 'POST', body: JSON.stringify(result)});
+video.onerror = () => tell({error: video.error.code + ' ' + video.error.message});
+video.onloadeddata = () => { video.currentTime = 2.0; };
+video.onseeked = () => {
+  const canvas = document.createElement('canvas');
+  canvas.width = video.videoWidth; canvas.height = video.videoHeight;
+  const context = canvas.getContext('2d');
+  context.drawImage(video, 0, 0);
+  tell({size: [video.videoWidth, video.videoHeight], duration: video.duration,
+        pixel: [...context.getImageData(30, video.videoHeight - 30, 1, 1).data]});
+};
+</script>"""
 
 
 def views() -> list[Image]:
@@ -96,6 +114,13 @@ def film(path: Path, log: RunLog) -> VideoWriter:
     return video
 
 
+def played(path: Path, folder: Path) -> dict[str, object]:
+    """Return what a browser makes of a video: its size, duration, and a pixel of second 2."""
+    kind = path.suffix.lstrip('.')
+    source = f'data:video/{kind};base64,{base64.b64encode(path.read_bytes()).decode()}'
+    return json.loads(ask_browser(PLAYER.replace('SOURCE', source), folder))
+
+
 @needs_pyav
 def test_the_video_has_all_frames_in_a_codec_that_browsers_play_and_is_small(
     log, tmp_path
@@ -116,6 +141,16 @@ def test_the_video_has_all_frames_in_a_codec_that_browsers_play_and_is_small(
     assert content.index(b'moov') < content.index(b'mdat')  # the index is before the frames
     assert len(content) < 1e6 * LARGEST_MB_S * FRAMES / 11.0
     assert list(tmp_path.iterdir()) == [path]
+
+
+@needs_pyav
+@needs_browser
+def test_a_browser_plays_it(log, tmp_path) -> None:
+    video = film(tmp_path / 'run.mp4', log)
+    result = played(tmp_path / 'run.mp4', tmp_path)
+    assert result['size'] == list(video.size)
+    assert result['duration'] == pytest.approx(FRAMES / 11.0, abs=0.1)
+    assert np.abs(np.array(result['pixel'][:3]) - 40).max() < 12
 
 
 def test_without_pyav_there_is_none_and_what_to_install(log, tmp_path, monkeypatch) -> None:
