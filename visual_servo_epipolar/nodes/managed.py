@@ -202,47 +202,46 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
     def on_configure(self, state: LifecycleState) -> Outcome:
         """Configure; on failure nothing is left of it."""
         self.__kept.update(entity for entity, _ in self.__entities())
-        self.__state, self.__is_configured = 'configuring', True
-        outcome = self.__outcome_of(self.configure)
+        self.__is_configured = True
+        outcome = self.__carry_out(self.configure, 'configuring', 'inactive', state)
         if outcome != Outcome.SUCCESS:
             self.__release()
-        return self.__end_in('inactive', outcome, state)
+        return outcome
 
     def on_activate(self, state: LifecycleState) -> Outcome:
         """Activate, publishers first; those of a node that failed to are silent again."""
-        self.__state = 'activating'
         super().on_activate(state)
-        outcome = self.__outcome_of(self.activate)
+        outcome = self.__carry_out(self.activate, 'activating', 'active', state)
         if outcome != Outcome.SUCCESS:
             super().on_deactivate(state)
-        return self.__end_in('active', outcome, state)
+        return outcome
 
     def on_deactivate(self, state: LifecycleState) -> Outcome:
         """Deactivate, publishers last; a node that failed to must not stay active."""
-        self.__state = 'deactivating'
-        outcome = self.__outcome_of(self.deactivate, refused=Outcome.ERROR)
+        outcome = self.__carry_out(self.deactivate, 'deactivating', 'inactive')
         super().on_deactivate(state)
-        return self.__end_in('inactive', outcome, state)
+        return outcome
 
     def on_cleanup(self, state: LifecycleState) -> Outcome:
         """Clean up, and destroy what was created since; half of that is an error."""
-        self.__state = 'cleaningup'
-        outcome = self.__outcome_of(self.cleanup, refused=Outcome.ERROR)
+        outcome = self.__carry_out(self.cleanup, 'cleaningup', 'unconfigured')
         self.__release()
-        return self.__end_in('unconfigured', outcome, state)
+        return outcome
 
     def on_shutdown(self, state: LifecycleState) -> Outcome:
         """Go through what is left of the life; nothing may keep a node from its end."""
         if state.label == 'active':
             self.on_deactivate(state)
         self.on_cleanup(state)
-        return self.__end_in('finalized', Outcome.SUCCESS, state)
+        self.__state = 'finalized'
+        return Outcome.SUCCESS
 
     def on_error(self, state: LifecycleState) -> Outcome:
         """Fall back to unconfigured, from where the node can be had again."""
         super().on_deactivate(state)
         self.on_cleanup(state)
-        return self.__end_in('unconfigured', Outcome.SUCCESS, state)
+        self.__state = 'unconfigured'
+        return Outcome.SUCCESS
 
     def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
         """Create a publisher; once the node is made one that is silent while it is inactive."""
@@ -310,16 +309,15 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
                 destroy(entity)
         self.__is_configured = False
 
-    def __end_in(self, label: str, outcome: Outcome, before: LifecycleState) -> Outcome:
-        """Take the state that rclpy takes after this ``outcome``, and return it."""
-        states = {Outcome.SUCCESS: label, Outcome.FAILURE: before.label}
-        self.__state = states.get(outcome, 'errorprocessing')
-        return outcome
-
-    def __outcome_of(
-        self, hook: Callable[[], None], *, refused: Outcome = Outcome.FAILURE
+    def __carry_out(
+        self, hook: Callable[[], None], now: str, then: str, before: LifecycleState | None = None
     ) -> Outcome:
-        """Return the outcome of a part of a transition; rclpy would not say why it failed."""
+        """
+        Return the outcome of a part of a transition, in the state that rclpy takes by it.
+
+        rclpy would not say why it failed. A refusal keeps the state ``before``, if it is given.
+        """
+        self.__state = now
         try:
             hook()
         except Exception as error:  # rclpy swallows it, whatever it is
@@ -328,7 +326,10 @@ class ManagedNode(ParameterNode, LifecycleNodeMixin):
             if not self.__is_starting:  # or the constructor raises it
                 text = str(error) if expected else traceback.format_exc()
                 self.get_logger().error(f'{hook.__name__} failed: {text}')
-            return refused if expected else Outcome.ERROR
+            kept = before if expected else None
+            self.__state = 'errorprocessing' if kept is None else kept.label
+            return Outcome.ERROR if kept is None else Outcome.FAILURE
+        self.__state = then
         return Outcome.SUCCESS
 
     def __refusing_the_impossible(self, change: Callback) -> Callback:

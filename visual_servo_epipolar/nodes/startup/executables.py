@@ -14,19 +14,19 @@ SUCCESS, USAGE_ERROR = 0, 2
 ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
 
 
-def run(node: str) -> int:
-    """Run a node until it ends, and return the exit code."""
+def run(node: str) -> None:
+    """Run a node until it ends, and exit."""
     code = answer(node, sys.argv[1:])
     if code is not None:
-        return code
+        sys.exit(code)
     one_thread()
     try:
         module = import_module(f'{PACKAGE}.nodes.{node}')
         spin = import_module(f'{PACKAGE}.nodes.startup.run').spin
     except ImportError as error:
         print(f'{node}: {" ".join(remedy(error).split())}', file=sys.stderr)
-        return USAGE_ERROR
-    return int(spin(getattr(module, ''.join(map(str.capitalize, node.split('_'))))))
+        sys.exit(USAGE_ERROR)
+    sys.exit(spin(getattr(module, ''.join(map(str.capitalize, node.split('_'))))))
 
 
 def answer(node: str, arguments: Sequence[str]) -> int | None:
@@ -102,14 +102,10 @@ def values(ros_arguments: Sequence[str], *options: str) -> Iterator[str]:
             yield value
 
 
-def _main(node: str) -> None:
-    sys.exit(run(node))
-
-
-servo_node = partial(_main, 'servo_node')
-tracker_node = partial(_main, 'tracker_node')
-dock_node = partial(_main, 'dock_node')
-unicycle_node = partial(_main, 'unicycle_node')
-camera_node = partial(_main, 'camera_node')
-recorder_node = partial(_main, 'recorder_node')
-route_node = partial(_main, 'route_node')
+servo_node = partial(run, 'servo_node')
+tracker_node = partial(run, 'tracker_node')
+dock_node = partial(run, 'dock_node')
+unicycle_node = partial(run, 'unicycle_node')
+camera_node = partial(run, 'camera_node')
+recorder_node = partial(run, 'recorder_node')
+route_node = partial(run, 'route_node')

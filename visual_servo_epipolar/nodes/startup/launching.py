@@ -29,15 +29,8 @@ SHARED: Mapping[str, tuple[Any, ...]] = {
         'Time to end after Ctrl-C [s]: a recorder completes its bag in it',
     ),
 }
-# The argument that names the topic of a name in the nodes.
-TOPICS = {
-    'image_raw': 'image',
-    'camera_info': 'camera_info',
-    'cmd_vel': 'cmd_vel',
-    'odom': 'odom',
-    'joint_states': 'joint_states',
-    'head/command': 'head_command',
-}
+# The argument that names the topic of a name in the nodes, where that is another name.
+TOPICS = {'image_raw': 'image', 'head/command': 'head_command'}
 
 
 def argument(
@@ -64,7 +57,10 @@ def our_node(
         executable=executable,
         namespace=value['namespace'],
         parameters=[*parameters, *given(value, use_sim_time=bool)],
-        remappings=[*((topic, value[TOPICS[topic]]) for topic in topics), *own_tf(value, *frames)],
+        remappings=[
+            *((topic, value[TOPICS.get(topic, topic)]) for topic in topics),
+            *own_tf(value, *frames),
+        ],
         output='screen',
     )
 

@@ -1,6 +1,6 @@
 """Process of a node: its executor, transport, signals, and a clean exit with a zero twist."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 import ctypes
 import gc
@@ -28,8 +28,9 @@ from visual_servo_epipolar.nodes.startup import executables, table
 FAREWELL_S = 0.5  # after `shutdown`, until the client that asked for it has the answer
 KEEP_BYTES = 2**23  # an image of 8 MB; a match of whole images takes 300 MB for a moment
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
-# Ctrl-C, kill, a terminal that is closed, Ctrl-backslash.
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+# Ctrl-C, kill, Ctrl-backslash; a terminal that is closed, Ctrl-Z, which alone does not end a node.
+UNASKED = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
+SIGNALS = (*UNASKED, signal.SIGHUP, signal.SIGTSTP)
 
 
 def spin(kind: type[Any]) -> int:
@@ -48,19 +49,18 @@ def spin(kind: type[Any]) -> int:
     tune_transport(sends_images=getattr(kind, 'sends_images', False))
     if getattr(kind, 'one_core', False):
         cv2.setNumThreads(1)
-    # Lists: a second signal within the lock of an event would wait for it for ever.
-    ending: list[signal.Signals] = []
-    suspending: list[bool] = []
-    on_ending(ending.append)
-    if signal.getsignal(signal.SIGTSTP) is not signal.SIG_IGN:
-        signal.signal(signal.SIGTSTP, lambda *_: suspending.append(True))
+    heard: list[int] = []  # no event: a second signal within its lock would wait for ever
+    for number in SIGNALS:
+        # A node that is started by nohup is to outlive its terminal.
+        if number in UNASKED or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda received, _: heard.append(received))
     node: Node | None = None
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = kind(cli_args=executables.overrides(sys.argv[1:]))
         gc.collect()
         gc.freeze()  # what was imported: a full collection took 40 ms, over a frame
-        _run(node, ending, suspending)
+        _run(node, heard)
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
@@ -72,22 +72,23 @@ def spin(kind: type[Any]) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
-        for number in ENDING:  # a second Ctrl-C finds nothing left to end
+        for number in SIGNALS[:-1]:  # a second Ctrl-C finds nothing left to end
             signal.signal(number, signal.SIG_IGN)
     return 0
 
 
-def _run(node: Node, ending: list[signal.Signals], suspending: list[bool]) -> None:
-    """Call back for ``node`` until a signal, which the lists get, or its life cycle ends it."""
+def _run(node: Node, heard: list[int]) -> None:
+    """Call back for ``node`` until a signal, which is ``heard``, or its life cycle ends it."""
     executor = new_executor(with_info=getattr(node, 'with_info', False))
     executor.add_node(node)
-    while not ending and getattr(node, 'state', '') != 'finalized':
+    while not heard and getattr(node, 'state', '') != 'finalized':
         spin_once(executor, 0.1)
-        if suspending:
-            suspending.clear()
+        if signal.SIGTSTP in heard:
+            while signal.SIGTSTP in heard:
+                heard.remove(signal.SIGTSTP)
             getattr(node, 'suspend', lambda: None)()
             os.kill(os.getpid(), signal.SIGSTOP)  # until SIGCONT
-    if not ending:
+    if not heard:
         time.sleep(FAREWELL_S)
 
 
@@ -183,11 +184,3 @@ def tune_transport(*, sends_images: bool = True) -> None:
         if hasattr(libc, 'mallopt'):
             for option in (-3, -1):  # M_MMAP_THRESHOLD, M_TRIM_THRESHOLD
                 libc.mallopt(option, KEEP_BYTES)
-
-
-def on_ending(action: Callable[[signal.Signals], None]) -> None:
-    """Let ``action`` be called, with the signal, in place of what would kill the process."""
-    for number in ENDING:
-        # A node that is started by nohup is to outlive its terminal.
-        if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda received, _: action(signal.Signals(received)))
