@@ -65,15 +65,6 @@ def test_by_two_views_alone_it_ends_as_the_second_step_does() -> None:
     assert summarise(log)['position_error_m'] < 0.006
 
 
-def test_limits_of_jerk_hold_and_cost_little() -> None:
-    usual = summarise(driven(FRONT[0]))
-    result = summarise(driven(FRONT[0], max_jerk=2.0, max_angular_jerk=6.0))
-    assert result['peak_jerk_m_s3'] <= 2.0 + 1e-6
-    assert result['peak_jerk_rad_s3'] <= 6.0 + 1e-6
-    assert result['duration_s'] < usual['duration_s'] + 1.0
-    assert result['outcome'] == 'arrived'
-
-
 def test_a_base_that_turns_by_pulses_is_not_through_while_it_faces_elsewhere() -> None:
     # D is zero on the way, too: with 37 deg to turn the motion has not ended.
     seed = 1281573172

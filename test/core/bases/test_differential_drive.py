@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from visual_servo_epipolar.core.bases.base import BaseLimits, turns_in_place, within_jerk
+from visual_servo_epipolar.core.bases.base import BaseLimits, turns_in_place
 from visual_servo_epipolar.core.bases.differential_drive import DifferentialDrive
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.bases.registry import base_of
@@ -98,21 +98,6 @@ def test_a_twist_that_the_motors_can_follow_is_not_changed(nominal: Twist) -> No
     assert followed == (nominal, STANDSTILL)
 
 
-DT = 1.0 / 11.0
-
-
-@given(wanted=st.floats(-0.5, 0.5), jerk=st.floats(0.2, 20.0))
-def test_jerk_stays_within_its_limit_and_the_speed_is_reached(wanted, jerk) -> None:
-    speed, rate = 0.0, 0.0
-    for _ in range(80):
-        after = within_jerk(wanted, speed, rate, DT, jerk)
-        assert abs((after - speed) / DT - rate) / DT <= jerk * (1.0 + 1e-6)
-        assert abs(after) <= abs(wanted) + jerk * DT * DT
-        speed, rate = after, (after - speed) / DT
-    assert speed == pytest.approx(wanted, abs=0.01)
-    assert within_jerk(wanted, 0.0, 1.0, DT, 0.0) == wanted  # without a limit
-
-
 DT_CAR = 0.09
 SLOW = {'max_linear': 0.4, 'max_angular': 0.5, 'max_acceleration': 0.25}
 LIMITS = replace(BASE.limits, max_curvature=1.667, **SLOW)
@@ -177,13 +162,10 @@ def test_a_car_without_a_curvature_is_refused() -> None:
 SETTINGS, TENTH = ServoSettings(max_angular=1.0), 0.1
 
 
-@pytest.mark.parametrize('jerk', [0.0, 0.5])
-def test_a_limit_lowered_on_the_way_holds_at_once(jerk: float) -> None:
-    lower = replace(SETTINGS, max_linear=0.1, max_jerk=jerk)
-    limiter = Limiter(Twist(0.4, 0.2))
-    for _ in range(5):  # and stays: an S-curve does not go on from the leap
-        limiter = limiter.after(Twist(0.4, 0.2), TENTH, lower.drive)
-        assert limiter.last.linear == pytest.approx(0.1)
+def test_a_limit_lowered_on_the_way_holds_at_once() -> None:
+    lower = replace(SETTINGS, max_linear=0.1)
+    limiter = Limiter(Twist(0.4, 0.2)).after(Twist(0.4, 0.2), TENTH, lower.drive)
+    assert limiter.last.linear == pytest.approx(0.1)
 
 
 def test_what_is_within_the_dead_band_is_added_up_to_pulses() -> None:

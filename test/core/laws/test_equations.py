@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from drives import drive, Law, RESIDUE, Start
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 from strategies import floats, pose_with
@@ -86,25 +86,6 @@ def test_holding_the_displaced_epipole_spirals_with_room(e_du, sign, sigma, room
     assert run.distance[-1] / 3.0 == pytest.approx(expected, rel=1e-5)
     assert expected == pytest.approx(room, rel=1e-2)
     assert run.e_current[-1] == pytest.approx(target, rel=1e-6)
-
-
-@given(floats(0.1, 20.0), floats(0.1, 20.0), floats(0.1, 50.0))
-def test_the_adaptive_gain_runs_from_one_value_to_the_other(at_zero, far, slope) -> None:
-    def gain(size: float) -> float:
-        return equations.adaptive_gain(size, at_zero=at_zero, far=far, slope=slope)
-
-    span = abs(at_zero - far)
-    assume(span > 0.01)
-    assert gain(0.0) == pytest.approx(at_zero)
-    assert gain(-0.1) == gain(0.1)
-    assert gain(40.0 * span / slope) == pytest.approx(far, rel=1e-9)
-    # The slope at zero is the one that was asked for, by a difference quotient.
-    step = 1e-5 * span / slope
-    assert abs(gain(step) - gain(0.0)) / step == pytest.approx(slope, rel=1e-3)
-
-
-def test_an_adaptive_gain_of_equal_ends_is_constant() -> None:
-    assert equations.adaptive_gain(0.3, at_zero=2.0, far=2.0, slope=0.0) == 2.0
 
 
 @given(floats(0.05, 5.0), floats(0.001, 0.5), SIGNS, floats(0.05, 2.0), floats(0.05, 1.5))

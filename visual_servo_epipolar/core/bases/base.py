@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-import math
 from typing import Protocol, TypeAlias
 
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -14,8 +13,6 @@ ROUNDING = 1e-15  # of a command within its limits
 class BaseLimits:
     """
     Limits of a base as its settings have them: speeds, accelerations, dead bands [m, rad, s].
-
-    Jerks of 0 are unlimited.
 
     A base speeds up by its accelerations and slows down twice as fast; a speed within its dead
     band does not move it. One that steers has the largest curvature of its path [1/m], its
@@ -31,8 +28,6 @@ class BaseLimits:
     max_curvature: float = 0.0
     wheelbase: float = 0.33
     steering_rate: float = 1.0
-    max_jerk: float = 0.0
-    max_angular_jerk: float = 0.0
     dead_band_mode: str = 'pulse'
 
 
@@ -77,23 +72,3 @@ def capped(base: Base, twist: Twist) -> Twist:
     limits = base.limits
     excess = max(abs(twist.linear) / limits.max_linear, abs(twist.angular) / limits.max_angular)
     return base.within_speed(twist) if excess > 1.0 + ROUNDING else twist
-
-
-def within_jerk(
-    wanted: float, before: float, acceleration: float, dt: float, jerk: float
-) -> float:
-    """
-    Return the speed that follows ``before`` after ``dt`` [s] on the way to ``wanted``: an S-curve.
-
-    ``acceleration`` led to ``before``; its change stays within ``jerk``, 0 for no limit; limits of
-    acceleration are those of ``wanted``. All in m or rad and s.
-    """
-    if jerk == 0.0 or dt == 0.0:
-        return wanted
-    change = wanted - before
-    # The acceleration from which jerk ends at zero just where the change is done.
-    late = 0.5 * jerk * dt
-    most = math.sqrt(late * late + 2.0 * jerk * abs(change)) - late
-    aim = math.copysign(min(abs(change) / dt, most), change)
-    step = min(max(aim - acceleration, -jerk * dt), jerk * dt)
-    return before + (acceleration + step) * dt

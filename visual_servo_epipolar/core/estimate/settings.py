@@ -94,6 +94,12 @@ class ControlSettings(Settings):
         'room': 'spiral_ratio',
         'least_room': 'least_spiral_ratio',
     }
+    GONE: ClassVar[Mapping[str, Any]] = {
+        'max_jerk': 0.0,
+        'max_angular_jerk': 0.0,
+        'gain_at_goal': 1.0,
+        'gain_slope': 20.0,
+    }
 
     law: str = setting(
         DEFAULT_LAW,
@@ -157,12 +163,6 @@ class ControlSettings(Settings):
         low=0.01,
         high=50.0,
     )
-    gain_at_goal: float = internal(
-        1.0, 'Step 2: factor of its gain at D = 0; 1 is constant', low=0.1, high=10.0
-    )
-    gain_slope: float = internal(
-        20.0, 'Step 2: initial decrease of that factor with |D|', low=0.0, high=1e4
-    )
     turn_gain: float = internal(
         0.8,
         'Gain of turns in place and of holding e_au; with speed ramps turns end by braking, 4 '
@@ -191,15 +191,6 @@ class ControlSettings(Settings):
         'Speed ramps: angular acceleration; slowing down twice that [rad/s^2]',
         low=0.01,
         high=99,
-    )
-    max_jerk: float = internal(
-        0.0, 'Speed ramps: change of the linear acceleration; 0 = off [m/s^3]', low=0.0, high=99.0
-    )
-    max_angular_jerk: float = internal(
-        0.0,
-        'Speed ramps: change of the angular acceleration; 0 = off [rad/s^3]',
-        low=0.0,
-        high=999,
     )
     braking: float = internal(
         0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0

@@ -195,20 +195,6 @@ def match_features(difference: float, *, k_t: float) -> Twist:
     return Twist(-k_t * difference, 0.0)
 
 
-def adaptive_gain(error: float, *, at_zero: float, far: float, slope: float) -> float:
-    """
-    Return the gain for an ``error`` e: ``at_zero`` k_0 at zero, ``far`` k_inf for a large one.
-
-    k(e) = (k_0 - k_inf) exp(-k'_0 |e| / |k_0 - k_inf|) + k_inf, ``slope`` being k'_0, the size of
-    that at zero (vpAdaptiveGain of ViSP): gentle where limits of speed and braking count, brisk
-    where the error is nearly gone. Any unit of gain; the slope has that unit over the error's.
-    """
-    span = at_zero - far
-    if span == 0.0:
-        return far
-    return span * math.exp(-slope * abs(error) / abs(span)) + far
-
-
 def follow_line(
     linear: float,
     lateral: float,

@@ -10,7 +10,7 @@ from functools import partial
 import math
 
 from visual_servo_epipolar.core.arrays import ROUNDING
-from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
+from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate
 from visual_servo_epipolar.core.estimate.settings import DEPARTURES, DriveSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
@@ -20,11 +20,9 @@ from visual_servo_epipolar.core.laws.derived_gains import (
     legal_target,
     with_gains_of_now,
 )
-from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.laws.machine import Law, PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.memory import Memory, yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Event, Phase
-from visual_servo_epipolar.core.laws.prediction import felt_latency
 from visual_servo_epipolar.core.laws.standing import (
     ARRIVED,
     FAILED,
@@ -339,14 +337,9 @@ def _matching_gain(
     k_t = settings.k_t if derived is None else derived.k_t
     if not settings.options.slope_gain or not goal.motion.slope.value > 0.0:
         return k_t
-    factor = equations.adaptive_gain(
-        difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
-    )
     rate = settings.approach_rate
     rate = min(k_t * goal.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
-    # The rate that is critically damped under the delay of the loop.
-    damped = CRITICAL_GAIN_DELAY / (felt_latency(settings) + usual_step(goal.period))
-    rate, way = min(factor * rate, max(rate, damped)), difference / goal.motion.slope.value
+    way = difference / goal.motion.slope.value
     if way and _brakes(goal, settings):
         deceleration, band = braking.BRAKING * settings.max_acceleration, settings.dead_band_linear
         rate = (

@@ -43,17 +43,6 @@ class CommandsSent:
         ended = min(stamp_ns - 1, self.stamps[-1] + round(WITHDRAWN_S * NANOSECONDS))
         return replace(self, withdrawn=False).after(ended, STANDSTILL)
 
-    @property
-    def acceleration(self) -> Twist:
-        """Acceleration that led to the last command [m/s^2, rad/s^2]; 0 where it is long ago."""
-        if len(self.stamps) < 2 or self.withdrawn:
-            return STANDSTILL
-        before, last = self.twists[-2:]
-        seconds = (self.stamps[-1] - self.stamps[-2]) / NANOSECONDS
-        return Twist(
-            (last.linear - before.linear) / seconds, (last.angular - before.angular) / seconds
-        )
-
     def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
         """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""
         return self._driven([twist.angular for twist in self.twists], begin_ns, end_ns, delays)

@@ -305,7 +305,7 @@ def pulsed_move(
         left,
         bound,
         band,
-        _ramp(settings.max_acceleration, settings.max_jerk, state),
+        settings.max_acceleration * usual_step(state.view.period),
         settings.max_speed_ratio * settings.max_linear,
         _mean_error(state, slope),
         _acceleration(left, seen, slope, state, settings),
@@ -342,7 +342,7 @@ def _pulsed_turn(
     if abs(wanted) >= band and not (stands or _moves(moving, band)):
         return None
     bound = arrival.facing_bound(seen, state, settings)
-    ramp = _ramp(settings.max_angular_acceleration, settings.max_angular_jerk, state)
+    ramp = settings.max_angular_acceleration * usual_step(state.view.period)
     limit = settings.max_speed_ratio * settings.max_angular
     aim = Aim(-seen.heading_error, bound, band, ramp, limit, room=seen.view_margins)
     return _next_pulse(aim, moving, state.twist.angular, state, settings)
@@ -351,13 +351,6 @@ def _pulsed_turn(
 def _moves(left: float, threshold: float) -> bool:
     """Return whether a move goes on, of which so much is ``left`` [m/s, rad/s]."""
     return abs(left) >= threshold * (1.0 - ROUNDING) > 0.0
-
-
-def _ramp(acceleration: float, jerk: float, state: ServoState) -> float:
-    """Return by how much a pulse may be faster than the one before [m/s, rad/s]."""
-    frame_s = usual_step(state.view.period)
-    # From speeding up to slowing down, twice as fast, the acceleration changes by three of them.
-    return frame_s * (min(acceleration, jerk * frame_s / 3.0) if jerk else acceleration)
 
 
 def _hops(moving: float, threshold: float) -> int:

@@ -297,8 +297,8 @@ def _limited(
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
     ramps = settings.options.speed_ramps and state.phase.drives
-    limiter, ratio = Limiter(last, state.motion.sent.acceleration), settings.max_speed_ratio
-    return limiter.within_limits(nominal, dt, settings.drive, ratio=ratio, ramps=ramps)
+    ratio = settings.max_speed_ratio
+    return Limiter(last).within_limits(nominal, dt, settings.drive, ratio=ratio, ramps=ramps)
 
 
 def _beyond_dead_band(
