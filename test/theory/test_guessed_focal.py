@@ -10,8 +10,6 @@ import pytest
 from strategies import floats
 import theory_bounds as theory
 
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.gains import longest_transient
 
@@ -147,18 +145,3 @@ def test_the_rate_after_26_is_at_least_k1_inside_sqrt_f_f_hat_only(e_au, guess, 
     assert rate <= k1 / guess * (1.0 + 1e-12)
     if abs(e_au**2 - guess) > 1e-9:
         assert (rate > k1) == (e_au**2 < guess)
-
-
-def test_the_current_epipole_then_converges_exponentially() -> None:
-    k1, guess, e_au = 0.2, 0.25, 2.0
-    pose = Pose(0.0, -2.0, math.pi / 2.0 + math.atan(e_au))
-    dt, slowest = 1e-3, e_au
-    for _ in range(10_000):
-        seen = Bearings.from_pose(pose).epipole_current
-        twist = equations.turn_epipole(seen, 0.0, k1=k1, focal=guess)
-        pose = Pose(pose.x, pose.y, pose.theta + dt * twist.angular)
-        slowest *= math.exp(-k1 * guess * dt)
-    left = abs(Bearings.from_pose(pose).epipole_current)
-    assert left < slowest
-    assert left > e_au * math.exp(-k1 / guess * 10.0)
-    assert left > e_au * math.exp(-k1 * 10.0)  # slower than k1 from out there, so far

@@ -125,15 +125,6 @@ def test_bearings_and_distance_vanish_for_a_constant_error_of_the_distance(start
     assert max(abs(end.delta), abs(end.phi)) < 0.02
 
 
-@pytest.mark.parametrize('ratio', [0.2, 0.7, 1.0, 3.0, 6.9, 7.1, 9.0])
-def test_the_interval_of_the_ratio_ends_at_one_plus_both_gains(ratio: float) -> None:
-    # d phi / d s = tan(delta), d delta / d s with s = ln(d_0 / d), at the origin.
-    gain = GAINS.k1 * GAINS.k2 / ratio
-    damping = (1.0 + GAINS.k1 + GAINS.k2) / ratio - 1.0
-    decays = np.roots([1.0, damping, gain]).real.max() < 0.0
-    assert decays == (ratio < 1.0 + GAINS.k1 + GAINS.k2)
-
-
 @given(delta=angles, phi=angles, distance=st.floats(0.3, 8.0))
 def test_the_heading_off_its_aim_falls_by_the_gain(delta, phi, distance) -> None:
     # z = delta - aim(phi): z' = -(v / d) k2 z, exactly.

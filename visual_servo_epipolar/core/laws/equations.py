@@ -134,15 +134,15 @@ def distance_rate(linear: float, e_current: float, *, sigma: float, focal: float
     return linear * sigma * focal / math.hypot(e_current, focal)
 
 
-def turn_epipole(e_current: float, e_target: float, *, k1: float, focal: float = 1.0) -> Twist:
+def turn_epipole(e_current: float, e_target: float, *, k1: float) -> Twist:
     """
     Return the turn in place by which e_au goes to ``e_target`` (section IV-B, remarks).
 
-    e_au' = -k1 (e_au - e_target), exponential at the rate k1 [1/s]: with u_1 = 0 in (9),
-    u_2 = -k1 (e_au - e_target) f / (e_au^2 + f^2).
+    e_au' = -k1 (e_au - e_target), exponential at the rate k1 [1/s]: with u_1 = 0 and f = 1 in
+    (9), u_2 = -k1 (e_au - e_target) / (e_au^2 + 1).
     """
     rate = -k1 * (e_current - e_target)
-    return Twist(0.0, focal / (e_current * e_current + focal * focal) * rate)
+    return Twist(0.0, 1.0 / (e_current * e_current + 1.0) * rate)
 
 
 def displaced_epipole(
