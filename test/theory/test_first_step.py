@@ -83,14 +83,6 @@ def test_no_gain_makes_the_current_epipole_cross_zero(start, law, faster, ratio)
     assert (run.e_current * start.e_current > 0.0).all()
 
 
-def test_the_bound_on_the_current_epipole_is_met_where_it_is_small() -> None:
-    run = drive(Start(e_current=0.05, e_desired=0.01), Law(k1=0.2, k2=0.2))
-    t = float(run.times[-1])
-    least = theory.least_sine(0.05, t, k1=0.2, ratio=1.0)
-    assert t > 1.0
-    assert abs(math.sin(run.alpha[-1])) == pytest.approx(least, rel=2e-3)  # alpha^2 / 2
-
-
 def test_it_is_a_small_k2_that_sends_the_robot_away() -> None:
     start = Start(e_current=0.4, e_desired=0.4, ratio=1.5)
     runs = [drive(start, Law(k1=0.3, k2=k2)) for k2 in (0.06, 3.0)]

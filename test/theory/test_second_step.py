@@ -50,13 +50,6 @@ def test_23_is_what_the_camera_sees(rows: list[tuple[float, float, float]], behi
     assert slope(points, behind) > 0.0
 
 
-@given(floats(3.0, 8.0), BEHIND, floats(0.1, 50.0))
-def test_on_the_axis_the_map_is_lost(depth: float, behind: float, k_t: float) -> None:
-    points = np.array([[0.0, 0.0, depth]])
-    assert difference(points, behind) == 0.0
-    assert equations.match_features(difference(points, behind), k_t=k_t).linear == 0.0
-
-
 @settings(max_examples=30)
 @given(FEATURES, BEHIND, floats(0.5, 20.0))
 def test_proposition_2_the_lyapunov_function_falls_at_the_least_slope(rows, behind, k_t) -> None:

@@ -27,20 +27,11 @@ BASE = DifferentialDrive(
 SPEEDS = st.floats(-1.0, 1.0, allow_subnormal=False)
 
 
-def test_it_turns_in_place() -> None:
-    assert turns_in_place(BASE)
-
-
 @pytest.mark.parametrize('ratio', [1.0, 0.5])
 def test_one_factor_keeps_the_curve(ratio: float) -> None:
     twist = BASE.within_speed(Twist(4.0, 3.0), ratio=ratio)
     assert twist.linear == pytest.approx(ratio)
     assert twist.angular == pytest.approx(0.75 * ratio)
-
-
-def test_a_limit_that_is_lowered_on_the_way_holds_at_once() -> None:
-    lower = DifferentialDrive(replace(BASE.limits, max_linear=0.3))
-    assert lower.within_acceleration(Twist(0.3, 0.0), Twist(0.9, 0.0), 0.1) == Twist(0.3, 0.0)
 
 
 def test_an_unknown_base_is_refused_with_the_names_there_are() -> None:
@@ -54,13 +45,6 @@ def test_a_ramp_never_changes_faster_than_allowed(nominal: float, last: float) -
     limit = 0.1 if abs(nominal) < abs(last) or nominal * last < 0.0 else 0.05
     assert abs(speed - last) <= limit + 1e-12
     assert min(last, nominal) - 1e-12 <= speed <= max(last, nominal) + 1e-12
-
-
-def test_a_ramp_arrives_at_the_nominal_twist() -> None:
-    twist = STANDSTILL
-    for _ in range(20):
-        twist = BASE.within_acceleration(Twist(0.4, -0.5), twist, 0.1)
-    assert twist == Twist(0.4, -0.5)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +98,7 @@ def is_driven(twist: Twist) -> bool:
 
 
 def test_it_does_not_turn_in_place() -> None:
-    assert not turns_in_place(CAR)
+    assert turns_in_place(BASE) and not turns_in_place(CAR)
     assert CAR.within_speed(Twist(0.0, 1.0)) == STANDSTILL
 
 
@@ -166,15 +150,6 @@ def test_a_limit_lowered_on_the_way_holds_at_once() -> None:
     lower = replace(SETTINGS, max_linear=0.1)
     limiter = Limiter(Twist(0.4, 0.2)).after(Twist(0.4, 0.2), TENTH, lower.drive)
     assert limiter.last.linear == pytest.approx(0.1)
-
-
-def test_what_is_within_the_dead_band_is_added_up_to_pulses() -> None:
-    settings, limiter, driven = replace(SETTINGS, dead_band_linear=0.06), Limiter(), 0.0
-    for _ in range(60):
-        limiter = limiter.after(Twist(0.04, 0.0), TENTH, settings.drive)
-        assert limiter.last.linear in (0.0, 0.06)
-        driven += limiter.last.linear
-    assert driven == pytest.approx(60 * 0.04, rel=0.25)
 
 
 def test_a_pause_is_no_time_to_speed_up_in() -> None:

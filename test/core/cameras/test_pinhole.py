@@ -39,12 +39,6 @@ CAMERAS |= {
 }
 
 
-def test_projection_is_equation_2_without_distortion() -> None:
-    camera = CAMERAS['pinhole']
-    u, v, _ = camera.matrix @ [0.3, -0.2, 1.0]
-    np.testing.assert_allclose(camera.pixels_of(np.array([[0.3, -0.2]])), [[u, v]], rtol=1e-15)
-
-
 @pytest.mark.parametrize('name', CAMERAS)
 @given(point=st.tuples(floats(-0.8, 0.8), floats(-0.6, 0.6)))
 def test_k_is_applied_whole_after_the_distortion(name: str, point: tuple[float, float]) -> None:
@@ -53,13 +47,6 @@ def test_k_is_applied_whole_after_the_distortion(name: str, point: tuple[float, 
     distorted = plain.pixels_of(np.array([point]))[0]
     u, v, _ = camera.matrix @ [*distorted, 1.0]
     np.testing.assert_allclose(camera.pixels_of(np.array([point])), [[u, v]], atol=1e-9)
-
-
-def test_barrel_distortion_draws_points_to_the_centre() -> None:
-    ray = np.array([[0.6, 0.4]])
-    centre = [635.0, 512.0]
-    bent = np.linalg.norm(CAMERAS['plumb_bob of 4'].pixels_of(ray) - centre)
-    assert bent < np.linalg.norm(CAMERAS['pinhole'].pixels_of(ray) - centre)
 
 
 def test_the_image_ends_at_its_last_pixel_less_the_margin() -> None:
@@ -245,12 +232,6 @@ def test_the_edges_of_a_lens_of_185_deg_are_behind() -> None:
     half = math.radians(92.5) * 1279.0 / 1280.0
     assert WIDE.edges == pytest.approx((-half, half))
     assert LENSES['that folds'].edges[1] == pytest.approx(LENSES['that folds'].reach, abs=1e-3)
-
-
-def test_the_axis_is_the_principal_point() -> None:
-    for camera in LENSES.values():
-        np.testing.assert_array_equal(camera.pixels(ray(0.0, 0.0)), [[640.0, 511.0]])
-        np.testing.assert_array_equal(camera.rays(np.array([[640.0, 511.0]])), ray(0.0, 0.0))
 
 
 def test_directions_that_no_pixel_tells_have_none() -> None:

@@ -95,27 +95,12 @@ def test_what_is_left_along_the_axis_is_no_reason_for_an_attempt_that_ends_as_th
     assert not asked(has_parallax, ServoState(), short, banded)
 
 
-@pytest.mark.parametrize(('attempts', 'there'), [(2, False), (3, True), (5, True)])
-def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
-    beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
-    assert (
-        asked(has_parallax, ServoState().changed(attempts=attempts), beside, SETTINGS) is not there
-    )
-
-
 @pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])
 def test_the_offset_of_the_axle_lies_where_its_bearing_points(mount) -> None:
     bearings, distance = Bearings(-1.3, 0.5), 1.7
     seen = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
     x, y = offset_at_axle(seen, bearings.heading_error, np.array(mount))
     assert math.atan2(y, x) == pytest.approx(at_axle(bearings, np.array(mount), distance).psi)
-
-
-def test_who_turns_a_camera_ahead_of_the_axle_at_the_goal_stays_there() -> None:
-    """The camera swings aside, the robot does not."""
-    heading, ahead = 0.2, 0.3
-    swung = -ahead * math.sin(heading), ahead * (math.cos(heading) - 1.0)
-    assert offset_at_axle(swung, heading, np.array([0.0, ahead, 0.0])) == pytest.approx((0.0, 0.0))
 
 
 def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_view() -> None:

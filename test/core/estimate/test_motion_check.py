@@ -152,13 +152,6 @@ def test_an_encoder_that_slips_little_by_little_ends_the_run() -> None:
     assert slips(lambda time_s: 0.1 * max(time_s - 1.0, 0.0))
 
 
-def test_a_motor_that_loses_steps_ends_the_run() -> None:
-    def counted(time_s: float) -> float:  # the joint is said to turn, and the camera stands
-        return 0.5 * min(max(time_s - 1.0, 0.0), 0.4)
-
-    assert slips(counted, pan=counted)
-
-
 @pytest.mark.parametrize('noise', [0.0005, 0.005, 0.01])
 def test_a_noisy_encoder_of_a_head_ends_no_run(noise: float) -> None:
     assert not slips(nowhere, noise=noise, seconds=40.0)

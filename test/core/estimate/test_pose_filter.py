@@ -127,17 +127,6 @@ def test_who_is_pushed_begins_anew() -> None:
     assert place is not None and place.mean[:3] == pytest.approx(away)
 
 
-@pytest.mark.parametrize('motion', [Motion(0.02, 0.0), Motion(0.0, 0.05), Motion(0.02, 0.05)])
-def test_wheels_know_better_than_commands_where_a_robot_is(motion: Motion) -> None:
-    before = first_pose(np.zeros(3), OWN[:3, :3], STILL)
-    told, measured = (
-        before.after(Motion(motion.way, motion.turn, measured=it)) for it in (False, True)
-    )
-    assert measured.mean == pytest.approx(told.mean)
-    grown, less = (np.diag(it.covariance - before.covariance) for it in (told, measured))
-    assert less.sum() < 0.5 * grown.sum()
-
-
 def test_wheels_are_a_random_walk_and_do_not_come_late() -> None:
     step, before = (
         Motion(0.01, 0.0, measured=True),

@@ -19,7 +19,6 @@ from strategies import (
     poses_behind_the_goal,
     random_rays,
     regular_poses,
-    room,
     seen_from,
 )
 
@@ -34,8 +33,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
-from visual_servo_epipolar.core.geometry.rays import image_points, normalised, tangents, unit_rays
-from visual_servo_epipolar.core.twoview.lmeds_8pt import fundamental_from_matches
+from visual_servo_epipolar.core.geometry.rays import normalised, tangents
 
 K = CAMERA.matrix
 NOISE = 0.3 / 769.0  # of a ray coordinate, at the tracking error of a plain tracker
@@ -61,20 +59,6 @@ def test_epipoles_are_the_images_of_the_camera_centres(pose, scale, sign) -> Non
     goal_seen_from_current = seen_from(pose, np.zeros((1, 3)))[0]
     assert_same_point(current, K @ goal_seen_from_current)
     assert_same_point(desired, K @ [pose.x, 0.0, pose.y])
-
-
-@given(poses())
-@example(BESIDE)
-@example(AHEAD)
-def test_f_of_a_pose_holds_for_every_point(pose: Pose) -> None:
-    points = room()[:200]
-    current, desired = seen_from(pose, points) @ K.T, points @ K.T
-    # Homogeneous and unit norm: points behind a camera and on its focal plane obey F as well.
-    current /= np.linalg.norm(current, axis=1, keepdims=True)
-    desired /= np.linalg.norm(desired, axis=1, keepdims=True)
-    fundamental = fundamental_from_pose(K, pose)
-    residual = np.einsum('ni,ij,nj->n', desired, fundamental, current)
-    np.testing.assert_allclose(residual / np.linalg.norm(fundamental), 0.0, atol=1e-14)
 
 
 @given(poses())
@@ -130,17 +114,6 @@ def test_the_sampson_distance_is_across_the_constraint(pose, size, share, first,
     np.testing.assert_allclose(distance, along / gradient, atol=50.0 * size**2)
 
 
-@given(poses_behind_the_goal())
-def test_in_a_narrow_field_the_angle_is_the_distance_in_the_image(pose: Pose) -> None:
-    rng = np.random.default_rng(1)
-    points = 0.02 * (rng.random((2, 20, 2)) - 0.5)
-    fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
-    plane = sampson_distance(fundamental, *points)
-    angle = sampson_distance(fundamental, unit_rays(points[0]), unit_rays(points[1]))
-    # Angle and tangent differ by a third of their cube, the ray from the axis by half its square.
-    np.testing.assert_allclose(angle, plane, rtol=1e-3, atol=1e-6)
-
-
 @given(poses(min_baseline=0.3), floats(0.2, 5.0), floats(0.2, 5.0))
 def test_the_noise_of_each_ray_weighs_its_gradient(pose, current_noise, desired_noise) -> None:
     current, desired = matches(pose)
@@ -186,19 +159,6 @@ def test_matches_orient_the_baseline_at_every_pose(pose: Pose) -> None:
     # F is exact, hence only the signs are in question.
     assert_same_angle(found.psi, true.psi, 1e-9)
     assert_same_angle(found.phi, true.phi, 1e-9)
-
-
-@given(poses_behind_the_goal())
-def test_the_baseline_is_oriented_from_noisy_matches_alone(pose: Pose) -> None:
-    current, desired = matches(pose)
-    rng = np.random.default_rng(3)
-    current, desired = blurred(current, NOISE, rng), blurred(desired, NOISE, rng)
-    fundamental = fundamental_from_matches(image_points(current), image_points(desired))
-    vote = oriented_bearings(fundamental, current, desired, noise=NOISE)
-    true = Bearings.from_pose(pose)
-    # Ten times the error that the 8-point algorithm has here; a wrong sign is 180 deg.
-    assert_same_angle(vote.bearings.psi, true.psi, math.radians(10.0))
-    assert_same_angle(vote.bearings.phi, true.phi, math.radians(10.0))
 
 
 @given(poses_behind_the_goal(), st.booleans())

@@ -89,14 +89,6 @@ def joined(lens: Lens, data: np.ndarray, value: np.ndarray) -> Lens:
     return Lens.of(*(left @ np.linalg.inv(data) @ value).tolist(), left)
 
 
-def test_a_pair_that_tells_much_is_believed() -> None:
-    data = np.array([[4e-4, 1e-5], [1e-5, 1e-6]])
-    after = learnt(UNKNOWN, joined(UNKNOWN, data, np.array([-0.7, 0.013])))
-    assert after.log_ratio == pytest.approx(-0.7, abs=0.01)
-    assert after.shift == pytest.approx(0.013, abs=0.001)
-    np.testing.assert_allclose(covariance(after), data, rtol=0.01)
-
-
 def test_many_pairs_tell_no_more_than_the_best() -> None:
     lens, data = UNKNOWN, np.diag([0.1, 0.01]) ** 2
     for _ in range(200):

@@ -22,23 +22,6 @@ FRAME_S, TOLERANCE = 0.09, 1.5e-3
 FULL = ServoSettings()
 
 
-def turned(angle: float, settings: ServoSettings, *, delay: int) -> tuple[float, list[float]]:
-    """Return the time until an ``angle`` [rad] stays within TOLERANCE, and what was left."""
-    left, waiting, before, last = [angle], [0.0] * delay, Twist(0.0, 0.0), 0.0
-    for frame in range(150):
-        state = in_phase(Phase.ORIENTING, period=FRAME_S, command=Command(before))
-        wanted = Twist(0.0, braked_turn(left[-1], state.measurement, settings))
-        if settings.options.speed_ramps:
-            wanted = settings.drive.within_speed(wanted)
-            before = settings.drive.within_acceleration(wanted, before, FRAME_S)
-        else:
-            before = wanted
-        waiting.append(before.angular)
-        left.append(left[-1] - FRAME_S * waiting.pop(0))
-        last = last if abs(left[-1]) <= TOLERANCE else (frame + 1) * FRAME_S
-    return last, left
-
-
 @pytest.mark.parametrize('angle', [0.3, -0.5])
 @pytest.mark.parametrize('late', [0.02, 0.11, 0.21])
 def test_a_turn_is_a_trapezoid_however_late_the_base_obeys(angle: float, late: float) -> None:
@@ -80,16 +63,6 @@ def landed(angle: float, late: float) -> tuple[float, FloatArray, list[float]]:
         left.append(-heading)
         last = last if abs(heading) <= TOLERANCE else (frame + 1) * FRAME_S
     return last, np.array(rates), left
-
-
-@pytest.mark.parametrize('angle', [0.03, 0.2, -0.5])
-@pytest.mark.parametrize('delay', [0, 1, 2, 3])
-def test_a_turn_ends_soon_whatever_the_base_delays_it_by(angle: float, delay: int) -> None:
-    time, left = turned(angle, FULL, delay=delay)
-    exponential, _ = turned(angle, replace(FULL, speed_ramps=False), delay=delay)
-    assert time < (0.65 if delay < 3 else 0.9) * exponential
-    over = max(-each * (1.0 if angle > 0.0 else -1.0) for each in left)
-    assert over <= (TOLERANCE if delay < 2 else 0.3 * abs(angle))
 
 
 def test_by_pulses_a_turn_is_no_sharper_than_each_can_be_seen() -> None:

@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     align_bound,
     engage_bound,
     facing_bound,
-    has_parallax,
     is_at_goal,
     matched_bound,
     PATIENCE_S,
@@ -37,7 +36,6 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import is_close, is_settled
 from visual_servo_epipolar.core.servo.supervisor import (
     classify,
-    nominal_twist,
     switch_phase,
     update,
 )
@@ -179,12 +177,6 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
         assert after.settling.time_in_tolerance == seconds
 
 
-def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:
-    state = in_phase(Phase.MATCHING_FEATURES)
-    assert asked(has_parallax, state, sight(parallax=math.nan), SETTINGS)
-    assert not asked(has_parallax, state, sight(parallax=0.0), SETTINGS)
-
-
 @pytest.mark.parametrize(
     ('psi', 'phi', 'sideways'),
     [
@@ -249,13 +241,6 @@ def test_who_backs_off_without_bearings_near_the_goal_goes_on_backing_off() -> N
 def test_a_turn_is_over_when_it_has_settled_for_as_long_as_told(short: int) -> None:
     state = in_phase(Phase.ORIENTING, settled=SETTINGS.align_frames - short)
     assert (classify(state, SETTINGS) is Event.NOTHING) == bool(short)
-
-
-@pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_step_2_follows_its_line_at_no_more_than_the_largest_speed(sign: float) -> None:
-    far = sight(difference=-50.0 * sign)
-    twist = nominal_twist(in_phase(Phase.MATCHING_FEATURES, measurement=far), SETTINGS)
-    assert twist.linear == sign * SETTINGS.max_linear
 
 
 def test_no_baseline_is_no_reason_once_bearings_are_trusted() -> None:

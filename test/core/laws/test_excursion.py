@@ -70,13 +70,6 @@ def backing_off(settings: ServoSettings, *, frames: int = 60, **changes: Any) ->
     return state
 
 
-def test_the_bound_of_driving_backward_is_a_setting_and_counts_what_was_driven() -> None:
-    state = backing_off(replace(SETTINGS, max_retreat=0.5))
-    assert state.reason.startswith('drove 0.5 m backward in this run (max_retreat)')
-    # 0.2 m/s from a standstill: not before 2.5 s.
-    assert 26 <= state.view.frame <= 35
-
-
 def test_what_former_attempts_drove_backward_counts_as_well() -> None:
     settings = replace(SETTINGS, max_retreat=0.5)
     assert backing_off(settings, reversed=0.4).view.frame < 20

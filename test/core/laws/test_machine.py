@@ -100,11 +100,6 @@ def test_the_names_are_those_of_the_contract() -> None:
     }
 
 
-def test_the_table_cannot_be_changed() -> None:
-    with pytest.raises(TypeError, match='does not support item assignment'):
-        TWO_STEPS.transitions[Phase.FAILED, Event.APART] = Phase.WAITING  # type: ignore[index]
-
-
 def test_no_law_overrides_what_interrupts_a_run() -> None:
     daring = {(Phase.DISPLACING, Event.LOST): Phase.MATCHING_FEATURES}
     machine = StateMachine(TWO_STEPS.rows.values(), {**TWO_STEPS.transitions, **daring})

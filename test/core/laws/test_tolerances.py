@@ -28,7 +28,6 @@ from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 SLOPE = 0.13  # of D at the goal, of features about 3 m away [1/m]
 OWNERS = replace(SETTINGS, arrival_position=5e-3, arrival_heading=math.radians(0.5))
-MOVING = Command(Twist(0.02, 0.0))
 
 
 def near(x: float = 0.0, y: float = 0.0, *, deviation: float = 2e-4, **changes) -> Measurement:
@@ -73,20 +72,6 @@ def test_near_enough_is_within_the_tolerance_at_worst(x, y, deviation, tolerance
         assert math.hypot(x, y + speed * settings.latency) + 2.0 * deviation <= tolerance
 
 
-@given(OFFSETS, OFFSETS, DEVIATIONS, floats(1e-3, 0.02), floats(1.0, 3.0))
-def test_a_coarser_tolerance_passes_what_a_finer_does(x, y, deviation, tolerance, factor) -> None:
-    measurement = near(x, y, deviation=deviation)
-    state = ending(measurement)
-    (fine, fine_settled), (coarse, coarse_settled) = (
-        (asked(is_near_enough, state, measurement, settings), is_settled(state, settings))
-        for settings in (
-            replace(SETTINGS, arrival_position=tolerance),
-            replace(SETTINGS, arrival_position=factor * tolerance),
-        )
-    )
-    assert (coarse or not fine) and (coarse_settled or not fine_settled)
-
-
 @given(floats(FACING, 0.1), floats(1.0, 3.0), floats(0.0, 0.01), st.booleans(), st.booleans())
 def test_the_bound_of_the_heading_is_within_the_tolerance_and_grows_with_it(
     tolerance: float, factor: float, deviation: float, remembered: bool, lingers: bool
@@ -118,15 +103,6 @@ def test_a_tolerance_has_its_effect_at_once_and_without_it_nothing_is_let_pass(
     assert is_settled(state, OWNERS)
     assert not is_settled(state, SETTINGS)
     assert not asked(is_near_enough, state, seen, SETTINGS)
-
-
-@pytest.mark.parametrize(
-    ('y', 'still', 'moving'), [(4e-3, True, False), (-4e-3, True, True), (-6e-3, False, False)]
-)
-def test_who_would_roll_past_the_tolerance_is_not_near_enough(y, still, moving) -> None:
-    seen = near(y=y)
-    for changes, expected in (({}, still), ({'command': MOVING}, moving)):
-        assert asked(is_near_enough, ending(seen, **changes), seen, OWNERS) == expected
 
 
 def test_who_would_turn_past_the_tolerance_does_not_face_the_goal() -> None:

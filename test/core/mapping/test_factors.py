@@ -135,15 +135,6 @@ def test_the_reduced_step_is_that_of_the_whole_system(exact) -> None:
     assert features == pytest.approx(expected[size:], abs=1e-6 * scale)
 
 
-def test_the_reduced_covariance_is_that_of_the_whole_system(exact) -> None:
-    matrix, _, size = whole(exact)
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    covariance = np.linalg.inv(matrix * scale * scale[:, None]) * scale * scale[:, None]
-    own = np.linalg.inv(system_of(exact).matrix)
-    expected = np.diag(covariance)[:size]
-    assert np.diag(own) == pytest.approx(expected, rel=1e-5)
-
-
 def test_weights_are_slopes_of_the_cost() -> None:
     squares = np.array([0.1, 3.0, 8.9, 9.1, 20.0, 400.0])
     step = 1e-5

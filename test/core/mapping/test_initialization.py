@@ -12,10 +12,8 @@ from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
 from visual_servo_epipolar.core.mapping import initialization
 from visual_servo_epipolar.core.mapping.initialization import (
-    guess_pose,
     held_views,
     initial_geometry,
-    is_rival,
     is_sound,
     is_sure,
     LIKELY,
@@ -113,16 +111,6 @@ def test_a_view_that_does_not_fit_is_left_out_and_the_rest_begins(exact) -> None
     assert geometry.unknowns.views[:, :3] == pytest.approx(kept[:, :3], abs=0.02)
 
 
-def test_where_two_geometries_fit_alike_more_views_must_tell(exact) -> None:
-    best = Geometry(exact)
-    turned = exact.unknowns.views.copy()
-    turned[:, 0] -= 0.3 * turned[:, 1]
-    other = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=turned)))
-    assert not is_rival(best, other)  # it fits far worse
-    assert is_rival(other, best)
-    assert not is_rival(best, best)  # the same places
-
-
 def test_views_turned_far_from_each_other_begin_as_well() -> None:
     # Half a field of view between two views: what one saw the other hardly does.
     places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.33], [0.5, -2.2, 0.36], [0.3, -1.8, 0.3]])
@@ -157,12 +145,6 @@ def test_bearings_without_a_rival_tell_as_well(times: int, margin: float, monkey
     monkeypatch.setattr(initialization, 'is_rival', lambda *pair: asked.append(pair[2]))
     initial_geometry(window, starts, drive.mount, MapSettings())
     assert set(asked) == {margin}
-
-
-def test_a_view_is_guessed_by_its_bearings_as_far_off_as_its_neighbour() -> None:
-    near, told = np.array([0.6, -0.8, 0.1, 0.01, 0.02]), Bearings(-1.4, 2.9)
-    expected = [math.cos(-1.4), math.sin(-1.4), told.heading_error, 0.01, 0.02]
-    assert guess_pose(near, told) == pytest.approx(np.array(expected))
 
 
 def homography(place: np.ndarray, heading: float, wall: np.ndarray) -> np.ndarray:

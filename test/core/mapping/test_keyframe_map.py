@@ -94,27 +94,6 @@ def test_an_answer_does_not_wait_for_learning_from_a_view(drive, memory, monkeyp
     assert late.pose.tolist() == soon.pose.tolist()
 
 
-def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
-    geometry = memory.geometry
-    rng = np.random.default_rng(1)
-    off = rng.normal(size=geometry.unknowns.views.shape) * [2e-3, 2e-3, 5e-4, 0.0, 0.0]
-    unknowns = replace(geometry.unknowns, views=geometry.unknowns.views + off)
-    worse = replace(geometry.evaluation, unknowns=unknowns)
-    settings = MapSettings(keyframe_spacing=9.0)
-    unfinished = replace(memory, geometry=Geometry(worse), settings=settings)
-    after = unfinished.after(drive.observations(14))[0].update_map()
-    assert after.geometry.evaluation.cost < 0.8 * worse.cost
-    done = replace(memory, geometry=replace(geometry, converged=True), settings=settings)
-    assert done.after(drive.observations(14))[0].update_map().geometry is done.geometry
-
-
-def test_the_way_is_turned_as_the_camera_was(memory) -> None:
-    turned = replace(memory, pose=np.array([0.0, 0.0, 0.5 * math.pi, 0.0, 0.0]))
-    nothing = FeatureObservations(*map(np.empty, (0, (0, 3), (0, 3), (0, 2))))
-    after, _ = turned.after(nothing, np.array([0.0, 1.0]))
-    assert after.place - memory.place == pytest.approx([-1.0, 0.0])  # facing left
-
-
 def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -> None:
     observations = drive.observations(14)
     _, before = memory.after(observations)
@@ -153,18 +132,6 @@ def test_a_geometry_that_keyframes_contradict_again_is_forgotten(drive, memory) 
     assert said is not None
     assert after.geometry is None
     assert len(after.window) == 0
-
-
-def test_a_longer_way_makes_all_larger_and_turns_nothing(drive) -> None:
-    longer = replace(drive, scale=1.2 * drive.scale)
-    one, other = (
-        map_after_drive(it).after(it.observations(14), it.motion(14))[1] for it in (drive, longer)
-    )
-    deviations = np.sqrt(np.diag(one.covariance))
-    change = other.pose - one.pose * [1.2, 1.2, 1.0, 1.0, 1.0]
-    assert (np.abs(change) < 0.15 * deviations).all()
-    assert other.geometry.depth == pytest.approx(1.2 * one.geometry.depth, rel=0.01)
-    assert other.bearings.psi == pytest.approx(one.bearings.psi, abs=0.1)
 
 
 def test_without_any_way_it_is_still_exact_at_the_goal(drive) -> None:

@@ -77,17 +77,6 @@ def test_difference_is_that_of_features_seen_from_there(wide: bool) -> None:
     assert difference_slope(desired, 1.0 / length, wide=wide) == pytest.approx(expected, rel=1e-3)
 
 
-def test_the_difference_is_the_same_whatever_the_scale() -> None:
-    said, ray = recollection((0.01, -0.02, 0.0)), np.array([[0.6, 0.0, 0.8]])
-    larger = replace(said, pose=said.pose * [2, 2, 1, 1, 1])
-    one, other = (
-        replace(each, difference_slope=difference_slope(ray, np.array([1.0 / depth]))).difference
-        for each, depth in ((said, 5.0), (larger, 10.0))
-    )
-    assert one == pytest.approx(other)
-    assert one < 0.0  # behind the goal
-
-
 RATIO = 1.4
 SURE = MapSettings(scale_deviation=1e-3)
 OTHER = MapSettings(scale_deviation=2e-3)
@@ -115,22 +104,6 @@ def whole(memory: KeyframeMap) -> float:
     """Return the way from keyframe to keyframe in the geometry [m]."""
     steps = np.diff(memory.geometry.unknowns.views[:, :2], axis=0)
     return float(np.hypot(*steps.T).sum())
-
-
-def test_the_same_memory_is_as_large_as_the_other_way(drive) -> None:
-    before = remembered(drive)
-    after = before.with_alternative(OTHER)
-    assert whole(after) == pytest.approx(RATIO * whole(before), rel=1e-3)
-    assert after.geometry.depth == pytest.approx(RATIO * before.geometry.depth, rel=1e-3)
-    assert after.pose[:2] == pytest.approx(RATIO * before.pose[:2], rel=1e-3)
-    assert after.pose[2:] == pytest.approx(before.pose[2:])
-    assert after.settings is OTHER
-    one, other = (
-        each.after(drive.observations(14), drive.motion(14))[1].pose[:2]
-        for each in (before, after)
-    )
-    assert other == pytest.approx(RATIO * one, rel=0.02, abs=2e-3)
-    assert after.geometry.evaluation.factors.scale_deviation == pytest.approx(2e-3, rel=20.0)
 
 
 def test_a_map_by_the_alternative_motion_and_back_is_as_before(drive) -> None:

@@ -57,17 +57,6 @@ def test_a_step_that_gains_nothing_is_not_taken(exact) -> None:
     assert not end.converged
 
 
-def test_steps_are_counted_not_timed(exact) -> None:
-    start = disturbed(exact)
-    ends = [refine(start, steps, 1e-3) for steps in range(4)]
-    assert ends[0].unknowns.views[:, 2:] == pytest.approx(start.unknowns.views[:, 2:], abs=0.0)
-    costs = [replace(end.evaluation, trusted=start.trusted).cost for end in ends]
-    assert costs == sorted(costs, reverse=True)
-    assert costs[1] < 0.5 * costs[0]
-    assert costs[2] < costs[1]
-    assert not ends[1].converged
-
-
 def test_residuals_are_what_noise_makes_them(memory) -> None:
     assert memory.geometry.noise_ratio == pytest.approx(1.0, abs=0.08)
 
@@ -206,24 +195,6 @@ def test_derivatives_are_those_of_the_residuals(view, tilt, roll, lens) -> None:
         assert told[:, j] == pytest.approx(expected, abs=tolerance)
 
 
-@pytest.mark.parametrize('lens', [-0.1, 0.05])
-def test_a_camera_of_a_longer_lens_sees_features_farther_from_the_centre(lens) -> None:
-    """Rays as a wrong focal length has them, of photograph and view: no residual is left."""
-    rng = np.random.default_rng(3)
-    true = np.column_stack([rng.uniform(-0.5, 0.5, (9, 2)), np.ones(9)])
-    near, view = rng.uniform(0.1, 0.5, 9), np.array([0.3, -1.0, 0.1, 0.05, 0.02])
-    shared = np.array([0.04, -0.01, lens, 0.0, 0.0])
-    points = seen(true, Unknowns(view[None], shared, np.zeros((2, 9)), near), view)
-    stretch = np.array([np.exp(lens), np.exp(lens), 1.0])
-    photograph, rays = true * stretch, points * stretch
-    unknowns = Unknowns(view[None], shared, np.zeros((2, 9)), near)
-    tangents = tangent_basis_of(photograph, np.ones(9))
-    structure = projection.structure_of(photograph, tangents, unknowns)
-    basis = tangent_basis_of(rays / np.linalg.norm(rays, axis=1)[:, None], np.ones(9))
-    found = projection.project(structure, view[None], basis[None])
-    assert found.residuals == pytest.approx(0.0, abs=1e-12)
-
-
 def test_what_would_lie_behind_its_ray_is_far_off(exact) -> None:
     window = exact.window
     ahead = projection.squares_of(exact.projection, window.rays)[window.seen]
@@ -269,13 +240,6 @@ def test_the_noise_of_the_photograph_is_the_mean_of_what_views_show_of_it() -> N
     window = window.with_view(observations([2, 3]), np.zeros(2))
     squares = 1e-6 * np.array([11.0 / 3.0, 12.0 / 4.0, 1.0])
     assert window.photograph_noise == pytest.approx(np.sqrt(squares))
-
-
-def test_sides_are_across_and_as_long_as_a_deviation_is_short() -> None:
-    tangent_basis = tangent_basis_of(RAYS, np.full(40, 0.01))
-    assert np.einsum('ajn,nj->an', tangent_basis, RAYS) == pytest.approx(0.0, abs=1e-12)
-    assert np.sqrt((tangent_basis**2).sum(1)) == pytest.approx(100.0)
-    assert (tangent_basis[0] * tangent_basis[1]).sum(0) == pytest.approx(0.0, abs=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -37,14 +37,6 @@ def last(exact_drive, exact):
     return geometry, *seen_by(exact_drive, geometry, 14)
 
 
-def test_the_exact_pose_is_met(exact_drive, last) -> None:
-    geometry, anchors, seen = last
-    fit = fit_pose(anchors, seen, exact_drive.views[13])
-    found = resect(geometry, anchors, seen, fit, NOTHING)
-    assert found.pose == pytest.approx(exact_drive.views[14], abs=1e-5)
-    assert found.inliers.all()
-
-
 def test_it_is_as_sure_as_all_views_together(exact_drive, last) -> None:
     geometry, anchors, seen = last
     fit = fit_pose(anchors, seen, exact_drive.views[14])

@@ -88,15 +88,6 @@ def test_it_stays_within_its_limits() -> None:
     assert -HEAD.limits.pan_speed <= command.pan_rate <= 0.0
 
 
-def test_it_searches_its_range_where_nothing_is_seen() -> None:
-    times = np.linspace(0.0, HEAD.search_time, 400).tolist()
-    pans = [HEAD.head_command(Gaze(AT_REST, NOTHING, NOTHING, lost=0.5 + t)).pan for t in times]
-    assert max(pans) > HEAD.limits.pan_max - 0.05
-    assert min(pans) < HEAD.limits.pan_min + 0.05
-    steps = np.abs(np.diff(pans)) / (times[1] - times[0])
-    assert steps.max() < HEAD.limits.pan_speed
-
-
 def test_where_too_few_features_stay_in_view_it_searches_the_other_end() -> None:
     end = Joints(HEAD.limits.pan_max)
     few = rays_at(ANGLES - 2.0)
@@ -185,10 +176,6 @@ def history(*stamps_ms: int, rate: float = 2.0) -> JointHistory:
 def test_between_readings_and_shortly_after_angles_go_on(milliseconds: float) -> None:
     angle = history(*range(1000, 1101, 20)).at(round(milliseconds * MS))
     assert angle == pytest.approx(2.0 * milliseconds / 1000.0, abs=1e-8)
-
-
-def test_at_a_reading_it_is_that_to_the_last_bit() -> None:
-    assert history(1000, 1037).at(1037 * MS) == 2.0 * 1037 / 1000.0
 
 
 @pytest.mark.parametrize(

@@ -44,11 +44,3 @@ def test_an_estimator_without_covariance_tells_nothing_of_the_mount() -> None:
         state = then(state, sight(frame, **blind), settings)
         assert np.isfinite(state.identified.extrinsics.mean).all()
     assert state.phase is not Phase.HOLDING
-
-
-def test_a_pause_gives_no_speed_to_start_with() -> None:
-    standing = in_phase(Phase.RETREATING, period=0.1)
-    sights = [sight(frame, bearings=ASIDE) for frame in (1, 2, 9)]
-    speeds = [abs(then(standing, it).twist.linear) for it in sights]
-    # One and a half usual times between images count, not the 0.9 s that nothing was commanded.
-    assert speeds == pytest.approx([SETTINGS.max_acceleration * s for s in (0.1, 0.15, 0.15)])

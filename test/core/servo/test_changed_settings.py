@@ -36,17 +36,6 @@ def test_a_limit_lowered_while_driving_holds_at_once(phase, last, max_linear, ma
     assert abs(twist.angular) <= max_angular * (1.0 + 1e-15)
 
 
-def test_a_lowered_limit_scales_so_that_the_curve_stays() -> None:
-    fast = in_phase(Phase.MATCHING_FEATURES, command=Command(Twist(0.4, 0.2)))
-    wide, narrow = (
-        then(fast, settings=replace(SETTINGS, max_linear=limit)).twist for limit in (0.4, 0.1)
-    )
-    assert wide.linear > narrow.linear == pytest.approx(0.1)
-    assert narrow.angular / narrow.linear == pytest.approx(wide.angular / wide.linear, abs=0.5)
-    slowest = 0.4 - 2.0 * SETTINGS.max_acceleration * 0.1
-    assert slowest > 0.1  # the ramp alone would not have brought it there
-
-
 def begun(settings: ServoSettings, phase: Phase) -> ServoState:
     """Return a state in ``phase`` whose gains were derived as it began."""
     if phase is Phase.ZEROING_EPIPOLES:

@@ -19,21 +19,18 @@ from servo_states import (
     then,
     TWO_VIEWS,
 )
-from strategies import CAMERA, matches
 
 from visual_servo_epipolar.core.estimate.extrinsics import MAX_CONTRADICTIONS, YAW
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.memory import yaw_learnt
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import advance, step
+from visual_servo_epipolar.core.servo.supervisor import advance
 from visual_servo_epipolar.core.twoview.measurement import Measurement
-from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
 # Contradictions
@@ -57,19 +54,6 @@ def test_bearings_that_driving_disproves_are_given_up(phase: Phase) -> None:
     assert repr(state.view.memory) == repr(MEMORY)
     assert state.identified.extrinsics is SETTINGS.extrinsics
     assert state.measurement.bearings is None
-
-
-def test_features_that_driving_disproves_are_looked_at_anew() -> None:
-    def observed(frame: int) -> Observation:
-        return Observation(frame * 100_000_000, *matches(Pose(-1.0, -3.0, 1.6)), CAMERA.fx)
-
-    state = step(contradicted(Phase.ZEROING_EPIPOLES), observed(1), SETTINGS)
-    assert state.phase is Phase.HOLDING
-    assert state.reason.startswith('the bearings contradict what was driven')
-    for frame in range(2, 2 + RESUMING_FRAMES):
-        assert state.phase is Phase.HOLDING
-        state = step(state, observed(frame), SETTINGS)
-    assert state.phase is Phase.DISPLACING
 
 
 def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:

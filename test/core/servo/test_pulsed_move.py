@@ -114,15 +114,6 @@ def test_no_pulse_is_faster_than_the_robot_may_go() -> None:
     assert commanded(at(1.9), TURN, 3, slow) == pytest.approx([-THRESHOLD, -THRESHOLD, 0.0])
 
 
-def test_a_long_turn_of_a_robot_that_stands_is_a_few_pulses_as_fast_as_ramps_allow() -> None:
-    sent = [speed for speed in commanded(at(30.0), TURN, 30) if speed]
-    assert len(sent) < 8
-    assert sum(sent) * FRAME_S == pytest.approx(-30.0 * HOP)
-    ramp = BANDED.max_angular_acceleration * FRAME_S
-    assert abs(sent[0]) <= THRESHOLD + ramp * (1.0 + 1e-9)
-    assert len([speed for speed in commanded(at(4.0), DRIVE, 30) if speed]) == 4
-
-
 @pytest.mark.parametrize('limits', [{}, {'max_speed_ratio': 0.2}])
 def test_a_long_turn_keeps_ramps_and_limits_until_it_ends(limits) -> None:
     gentle, last, sent = replace(BANDED, **limits), 0.0, []
@@ -227,14 +218,6 @@ def test_two_views_tell_the_way_by_the_slope_of_d_and_where_it_should_stand_it_t
     known = {'dead_band_residual': Twist(0.0, 0.6 * THRESHOLD), 'slope': Slope(SLOPE, 1.0)}
     state = in_phase(DRIVE, measurement=seen, rested=9, **known)
     assert pulsed_move(Twist(1e-4, 0.5 * THRESHOLD), state, BANDED)[0] == Twist(0.0, THRESHOLD)
-
-
-def test_no_move_goes_on_in_a_phase_that_it_is_not_for() -> None:
-    """Where tracks are lost or the run ends amid a train of pulses, the robot stands at once."""
-    seen, rest = at(-2.0), Twist(2.0 * THRESHOLD, 2.0 * THRESHOLD)
-    for phase in (Phase.HOLDING, Phase.FAILED, Phase.ARRIVED, Phase.WAITING, Phase.RETREATING):
-        state = in_phase(phase, measurement=seen, dead_band_residual=rest, period=FRAME_S)
-        assert pulsed_move(STANDSTILL, state, BANDED) is None
 
 
 def test_a_move_that_was_halted_does_not_go_on_after_it() -> None:

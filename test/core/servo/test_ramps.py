@@ -58,18 +58,7 @@ def test_the_time_is_told_for_replays() -> None:
 
 # A part of the speeds, set on the way: the robot slows down by its ramps, on the same path.
 DT = 0.1
-FAST = Twist(2.0, 0.5)
 DRIVES = ServoState().changed(phase=Phase.ZEROING_EPIPOLES)
-
-
-@pytest.mark.parametrize('ratio', [1.0, 0.5, 0.05])
-def test_both_speeds_are_limited_to_it(ratio: float) -> None:
-    settings = replace(SETTINGS, max_speed_ratio=ratio, speed_ramps=False)
-    twist = _limited(FAST, Twist(0.0, 0.0), DT, DRIVES, settings)
-    assert twist.linear == pytest.approx(ratio * SETTINGS.max_linear)
-    assert twist.angular / twist.linear == pytest.approx(FAST.angular / FAST.linear)
-    turn = _limited(Twist(0.0, -9.0), Twist(0.0, 0.0), DT, DRIVES, settings)
-    assert turn.angular == pytest.approx(-ratio * SETTINGS.max_angular)
 
 
 def test_lowered_on_the_way_it_is_reached_by_the_ramps() -> None:

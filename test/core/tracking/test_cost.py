@@ -49,15 +49,6 @@ def test_a_small_image_is_aligned_to_the_last_step(monkeypatch: pytest.MonkeyPat
     np.testing.assert_array_equal(as_it_is.warps.current, whole.warps.current)
 
 
-def test_more_templates_than_there_was_room_for_are_kept() -> None:
-    anchor, image = Anchor(scene()), float_image(scene(SHIFT))
-    many = [warps(SHIFT, 1000 * number) for number in range(3)]
-    joined = many[0].joined(many[1]).joined(many[2])
-    together = anchor.align(joined, image, iterations=4).warps.current
-    alone = Anchor(scene()).align(many[0], image, iterations=4).warps.current
-    np.testing.assert_allclose(together, np.tile(alone, (3, 1)), atol=1e-4)
-
-
 def test_the_coarse_flow_is_near_enough_to_be_aligned() -> None:
     frames, settings = (Frame(scene()), Frame(scene(SHIFT))), TrackerSettings()
     points = grid().astype(np.float32)
@@ -77,15 +68,6 @@ def test_without_levels_the_flow_is_that_of_the_whole_image(levels, size) -> Non
     fine, _ = flow(*frames, points, settings=settings)
     coarse, _ = flow(*frames, points, settings=settings, coarse=True)
     np.testing.assert_array_equal(coarse, fine)
-
-
-def test_dimmed_light_is_no_motion_to_the_coarse_flow() -> None:
-    dimmed = (scene() * 0.7).astype(np.uint8)
-    points = grid().astype(np.float32)
-    frames, settings = (Frame(scene()), Frame(dimmed)), TrackerSettings()
-    moved, valid = flow(*frames, points, settings=settings, coarse=True)
-    assert valid.all()
-    assert np.abs(moved - points).max() < 0.3
 
 
 @pytest.mark.parametrize(('error', 'agree'), [(0.0, True), (12.0, False), (np.nan, False)])

@@ -12,7 +12,6 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking import tracker as module
 from visual_servo_epipolar.core.tracking.alignment import Anchor
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
-from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.reacquisition import PredictedFeatures, reacquire
 from visual_servo_epipolar.core.tracking.robust_geometry import (
     agree_on_one_geometry,
@@ -135,16 +134,6 @@ def test_alignment_and_search_end_for_any_warp(kind: str, places: list, affine: 
         assert np.isfinite(reacquire(predicted, warps, anchor, current).current).all()
 
 
-@pytest.mark.parametrize('kind', ['stripes', 'checks'])
-def test_contrast_without_a_slope_stays_where_it_is(kind: str) -> None:
-    picture = image(kind)
-    warps = Warps(np.zeros(1, int), *np.full((2, 1, 2), 40.0), np.eye(2)[None])
-    moved = Warps(warps.ids, warps.desired, warps.current + 0.3, warps.affine)
-    for each in (warps, moved):
-        aligned = Anchor(picture).align(each, float_image(picture), iterations=4).warps
-        assert np.isfinite(aligned.current).all()
-
-
 def test_the_flow_of_no_point_is_none() -> None:
     frame, nothing = Frame(scene()), np.empty((0, 2), np.float32)
     moved, valid = flow(frame, frame, nothing, settings=TrackerSettings())
@@ -173,10 +162,3 @@ def test_what_opencv_cannot_do_is_a_reason_and_the_next_image_is_tracked(monkeyp
 )
 def test_patches_shrink_with_small_images_alone(shape: tuple[int, int], radius: int) -> None:
     assert patch_radius(shape) == radius
-
-
-def test_a_match_needs_an_image_with_something_in_it() -> None:
-    view = desired_view(scene())
-    for kind in ('constant', 'edge', 'stripes', 'pepper'):
-        with pytest.raises(TrackingError, match='not seen from here'):
-            match(view, image(kind))

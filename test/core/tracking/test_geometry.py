@@ -12,7 +12,6 @@ from small_cameras import sized
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.geometry.significance import log_false_alarms
 from visual_servo_epipolar.core.tracking.candidates import Candidates, STRONG
 from visual_servo_epipolar.core.tracking.matchers.sift import detect, ENOUGH
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
@@ -120,13 +119,6 @@ def test_all_that_agree_are_known_at_once() -> None:
     assert not agree_on_one_geometry(*matches(1, 60, 5), 4.0 * PIXEL)
 
 
-def test_where_nothing_has_moved_all_fit() -> None:
-    _, desired = matches(2, 40, 0)
-    geometry, inliers = epipolar_geometry(desired, desired, PIXEL)
-    assert geometry is not None
-    assert inliers.all()
-
-
 @given(st.integers(0, 30))
 def test_few_or_bad_rays_are_no_error(count: int) -> None:
     rays = np.full((count, 3), math.nan)
@@ -139,19 +131,6 @@ def test_a_geometry_is_that_of_eight_rays_at_least(count: int) -> None:
     for seed in range(12):
         geometry, inliers = epipolar_geometry(*matches(seed, count, count - 8), PIXEL)
         assert inliers.sum() >= 8 if geometry is not None else not inliers.any()
-
-
-def test_chance_is_told_from_a_place_that_is_seen_again() -> None:
-    rng = np.random.default_rng(0)
-    for wrong, low, high in ((20, -math.inf, -30.0), (60, -2.0, math.inf)):
-        current, desired = matches(3, 60, wrong)
-        geometry, inliers = epipolar_geometry(current, desired, PIXEL)
-        if geometry is None:
-            continue
-        turn = rng.uniform(-3.0, 3.0, (60, 2)) * (wrong == 60)
-        frames = [np.column_stack([rays, turn]) for rays in (current, desired)]
-        frames[0][:, 3] += rng.uniform(-3.0, 3.0, 60) * (wrong == 60)
-        assert low <= log_false_alarms(geometry, *frames, inliers) <= high
 
 
 SMALL = CameraSettings(**sized(320, 256, 192.3, 158.4, 127.6))

@@ -23,11 +23,10 @@ from visual_servo_epipolar.core.twoview.general_motion import (
 from visual_servo_epipolar.core.twoview.hypotheses import Rays, rays_of
 from visual_servo_epipolar.core.twoview.inspection import Inspection, judged
 from visual_servo_epipolar.core.twoview.observation import Observation
-from visual_servo_epipolar.evaluation.benchmarks.real import angle_errors, opencv_motion
+from visual_servo_epipolar.evaluation.benchmarks.real import angle_errors
 
 PAIRS = 12
 SOME = 'facade', 'few', 'phone'  # kinds of pairs that `make test` looks at
-MAGSAC_PX = 1.5
 SETTINGS = ServoSettings()
 
 
@@ -63,15 +62,12 @@ def inspected(name: str) -> list[tuple[Inspection, float]]:
     return answers
 
 
-def test_a_hand_held_pair_is_seen_better_than_by_magsac() -> None:
-    own, magsac = [], []
+def test_a_hand_held_pair_is_seen_as_well_as_noise_allows() -> None:
+    errors = []
     for pair in drawn('hand') + drawn('facade'):
-        rays, pixel = rays_from(pair), MAGSAC_PX / pair.camera.focal
-        peer = opencv_motion((rays.current, rays.desired), pixel, cv2.USAC_MAGSAC)
-        for found, those in ((general_motion(rays).motions.bearings[0], own), (peer, magsac)):
-            away = angle_errors(found, pair.truth(ground=False))[:2].max()
-            those.append(180.0 if math.isnan(away) else away)
-    assert np.median(own) < 0.8 * np.median(magsac)  # 0.3 against 0.6 deg
+        found = general_motion(rays_from(pair)).motions.bearings[0]
+        errors.append(angle_errors(found, pair.truth(ground=False))[:2].max())
+    assert np.median(errors) < 0.45  # 0.3 deg, with MAGSAC 0.6
 
 
 @pytest.mark.parametrize('name', some_of(sorted(KINDS)))

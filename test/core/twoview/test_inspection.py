@@ -6,8 +6,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.matchers.sift import SIFT
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
-from visual_servo_epipolar.core.twoview.inspection import inspect, judged
-from visual_servo_epipolar.core.twoview.observation import Observation
+from visual_servo_epipolar.core.twoview.inspection import inspect
 from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
@@ -27,13 +26,3 @@ def test_what_descriptors_do_not_tell_is_searched_for_beside_what_they_do() -> N
     assert found.trusted
     assert abs(math.degrees(found.bearing_current - truth.current)) < 1.0
     assert abs(math.degrees(found.bearing_desired - truth.desired)) < 1.0
-
-
-def test_patches_that_overlap_make_bearings_less_certain_than_as_many_others() -> None:
-    settings = PerceptionSettings()
-    found = inspect(
-        WORLD.photograph(), WORLD.capture(POSE, 0), WORLD.camera, WORLD.camera, settings
-    )
-    rays = WORLD.camera.rays(found.current), WORLD.camera.rays(found.desired)
-    apart, _ = judged(Observation(0, *rays, WORLD.camera.focal), settings)
-    assert found.deviation > 1.1 * apart.deviation

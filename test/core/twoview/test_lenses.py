@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Twist
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import step
@@ -139,14 +137,12 @@ def in_a_room(scenario: Scenario) -> PointWorld:
     return world
 
 
-def driven(
-    seconds: float, true: float, *, told: float = 0.0, law: str = 'full'
-) -> tuple[RollingShutter, dict[str, Any]]:
-    """Return estimate and verdict of a run with a ``true`` readout, and one that is ``told``."""
+def driven(true: float, told: float) -> RollingShutter:
+    """Return the estimate of a run with a ``true`` readout, and one that is ``told``."""
     document = {
         'camera': {**CHEAP, 'readout': true},
-        'servo': {'law': law, 'readout': told},
-        'run': {'max_duration': seconds},
+        'servo': {'law': 'full', 'readout': told},
+        'run': {'max_duration': 1.2},
     }
     scenario = from_document(document, 'test')
     shutters = [RollingShutter()]
@@ -158,8 +154,8 @@ def driven(
         return after
 
     loop, camera = scenario.loop(START, 0), scenario.camera.camera
-    log = Loop(loop, in_a_room(scenario), camera).run(control=control)
-    return shutters[-1], summarise(log)
+    Loop(loop, in_a_room(scenario), camera).run(control=control)
+    return shutters[-1]
 
 
 @pytest.mark.parametrize('tilt', [0.0, 0.2])
@@ -189,7 +185,7 @@ def test_ahead_and_up_are_seen_as_the_mount_has_them() -> None:
     [(0.01, 0.0), (0.02, 0.0), (0.033, 0.0), (0.01, 0.033), (0.0, 0.0), (0.02, 0.02)],
 )
 def test_the_first_turn_shows_a_readout_that_is_not_as_configured(true, told) -> None:
-    shutter, _ = driven(1.2, true, told=told)
+    shutter = driven(true, told)
     value, deviation = shutter.estimate
     assert value == pytest.approx(true, abs=0.003)
     assert deviation < 0.004
@@ -208,15 +204,6 @@ def test_a_base_that_turns_to_and_fro_from_image_to_image_shows_in_the_rows() ->
         shutter = shutter.updated(seen, axes, readout)
     assert abs(shutter.rate.mean) < 0.05
     assert shutter.rate.now == pytest.approx(rates[-1], abs=0.08)
-
-
-@pytest.mark.parametrize('law', ['full', 'smooth'])
-def test_a_rolling_shutter_does_not_lead_astray(law: str) -> None:
-    _, verdict = driven(30.0, 0.033, law=law)
-    assert verdict['outcome'] == 'arrived'
-    assert verdict['position_error_m'] < 0.005
-    assert verdict['max_distance_ratio'] < 1.3
-    assert verdict['reversals']['w'] <= 6
 
 
 @pytest.mark.parametrize('points', [1, 2, 3])

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from sequences import driven, DRIVES, error_deg
-from strategies import blurred, CAMERA, floats, matches, panorama, poses_behind_the_goal
+from strategies import blurred, CAMERA, floats, matches, panorama
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import Lens
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.geometry.rays import LEAST_FORWARD, normalised, unit_rays
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -43,16 +43,6 @@ def observation(current: np.ndarray, desired: np.ndarray) -> Observation:
 
 def measured(seen: Observation, settings: ServoSettings = SETTINGS) -> Measurement:
     return perceive(seen, settings, 0).measurement
-
-
-@given(poses_behind_the_goal())
-def test_exact_matches_give_the_bearings_of_the_pose(pose: Pose) -> None:
-    measurement = measured(observation(*matches(pose)))
-    true = Bearings.from_pose(pose)
-    assert measurement.bearings is not None
-    # The 8-point algorithm on exact rays, see test_epipolar.
-    assert wrap_angle(measurement.bearings.psi - true.psi) == pytest.approx(0.0, abs=1e-7)
-    assert wrap_angle(measurement.bearings.phi - true.phi) == pytest.approx(0.0, abs=1e-7)
 
 
 @given(floats(-0.5, 0.5))
@@ -162,13 +152,6 @@ def followed(noise: float, frames: int = 60) -> PerceptionMemory:
 def test_the_noise_is_learnt_from_the_residuals(noise: float) -> None:
     # The median of 40 residuals is 15 % uncertain; of the last ten frames, 5 %.
     assert followed(noise).noise == pytest.approx(noise, rel=0.25)
-
-
-def test_a_trusted_sight_is_remembered() -> None:
-    memory = followed(0.3, frames=2)
-    assert memory.bearings is not None
-    assert innovation(memory.bearings, Bearings.from_pose(BEHIND)) < 0.02
-    assert memory.attitude.tilt_deviation < fresh_memory(SETTINGS).attitude.tilt_deviation
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from strategies import angles, floats, panorama
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.twoview.estimator import Attitude
 from visual_servo_epipolar.core.twoview.hypotheses import rays_of
 from visual_servo_epipolar.core.twoview.planar_motion import (
@@ -64,19 +63,6 @@ def test_an_exact_planar_motion_is_recovered(psi, heading, tilt, roll, sign) -> 
     assert abs(math.remainder(found[PSI] - found[PHI] - HALF_PI - heading, math.tau)) < 0.02
 
 
-def vertical(tilt: float, roll: float) -> np.ndarray:
-    """Return which way is down in camera axes."""
-    return rotation_level_camera(tilt, roll)[1]
-
-
-def closest_vertical(psi: float, tilt: float, roll: float, prior: Attitude) -> np.ndarray:
-    """Return what is down by ``prior``, less what a baseline of a level floor excludes."""
-    baseline = rotation_level_camera(tilt, roll).T @ [math.cos(psi), 0.0, math.sin(psi)]
-    down = vertical(prior.tilt, prior.roll)
-    down = down - (down @ baseline) * baseline
-    return np.asarray(down / np.linalg.norm(down))
-
-
 @pytest.mark.parametrize(
     ('way', 'tilt', 'roll'),
     [((HALF_PI, 0.0, math.radians(20.0), 0.0), 20.0, 4.0)]
@@ -90,14 +76,6 @@ def test_a_translation_tells_one_angle_the_prior_the_other(way, tilt, roll, sign
     found = planar_parameters(essential, prior)[0]
     assert math.degrees(found[TILT]) == pytest.approx(tilt, abs=0.3)
     assert math.degrees(found[ROLL]) == pytest.approx(roll, abs=0.3)
-
-
-@given(angles(), TILTS, ROLLS, SIGNS)
-def test_a_pure_translation_leaves_the_rest_to_an_equal_prior(psi, tilt, roll, sign) -> None:
-    prior = Attitude(0.1, 0.05, 0.1, 0.1)
-    found = planar_parameters(sign * planar(psi, psi - HALF_PI, tilt, roll), prior)[0]
-    expected = closest_vertical(psi, tilt, roll, prior)
-    np.testing.assert_allclose(vertical(found[TILT], found[ROLL]), expected, atol=0.01)
 
 
 @given(angles(), TILTS, ROLLS)

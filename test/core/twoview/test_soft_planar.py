@@ -18,7 +18,6 @@ from visual_servo_epipolar.core.twoview.soft_planar import soft_planar
 from visual_servo_epipolar.evaluation.benchmarks.scenes import (
     Cell,
     draw_pair,
-    draw_pairs,
     error,
     Pair,
 )
@@ -91,14 +90,6 @@ def test_last_bearings_that_are_wrong_do_no_harm() -> None:
     wrong = type(pair.bearings)(pair.bearings.psi + 0.8, pair.bearings.phi - 0.5)
     _, away = solve(REALISTIC, 0, Prior(KNOWN, wrong, 0.15))
     assert away < 0.5
-
-
-def test_the_fundamental_matrix_is_for_the_tilted_camera() -> None:
-    pair = draw_pairs(Cell(baseline=3.0, tilt=2.0, roll=-1.0, noise=0.01), 1, 1)[0]
-    rng = np.random.default_rng(0)
-    found = soft_planar(pair.current, pair.desired, noise=1e-4, prior=Prior(), rng=rng)
-    distance = sampson_distance(found.fundamental, pair.current, pair.desired)
-    assert float(np.abs(distance).max()) < 1e-4
 
 
 CELL = Cell(baseline=3.0, points=60, noise=0.2, tilt=0.5, roll=-0.3)
