@@ -33,13 +33,8 @@ def with_gains_of_now(goal: GoalEstimate, memory: Memory, settings: DriveSetting
     """
     Return ``memory`` with gains for its step, 1 or 2, derived from the estimates of this moment.
 
-    As it is where gains are given. Gains that are too slow for the phase are a warning.
-
-    Raises
-    ------
-    ValueError
-        If no gain is legal: see ``gains.derive``.
-
+    As it is where gains are given. Gains that are too slow for the phase are a warning. Raises
+    ValueError if no gain is legal: see ``gains.derive``.
     """
     if not settings.derives:
         return memory
@@ -104,11 +99,7 @@ def legal_target(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
     """
     Return the abscissa of e_au, at unit focal length, for DISPLACING: one that has legal gains.
 
-    Raises
-    ------
-    ValueError
-        If neither the present e_au nor the discordant one has any.
-
+    Raises ValueError if neither the present e_au nor the discordant one has any.
     """
     if goal.bearings is None:
         return 0.0

@@ -72,19 +72,8 @@ def linearizing_control(
     """
     Return the approximately linearizing feedback of eqs. (11), (16), (17).
 
-    Parameters
-    ----------
-    e_current, e_desired : float
-        Epipole abscissae; ``e_current`` must not be zero unless nu_2 is.
-    sigma : float
-        Sign of cos(psi - theta).
-    distance : float
-        Estimate d_hat of the distance to the goal [m].
-    nu : (float, float)
-        Auxiliary controls (nu_1, nu_2): rates asked of e_au and e_du, in their unit per second.
-    focal : float
-        Focal length, or its guess (eq. 24), in the unit of the epipoles.
-
+    ``sigma`` is the sign of cos(psi - theta), ``distance`` the estimate d_hat [m], and ``nu`` the
+    auxiliary controls (nu_1, nu_2); ``e_current`` must not be zero unless nu_2 is.
     """
     nu_1, nu_2 = nu
     squared_current = e_current * e_current + focal * focal
@@ -154,19 +143,8 @@ def displaced_epipole(
     With e_au constant the path is a logarithmic spiral, ln(d_end / d_0) = -|chi_0| / tan(alpha),
     chi_0 = atan(e_du / f), alpha = atan(|e_au| / f). d shrinks if and only if the epipoles are
     discordant, whatever sigma (18), and then the perturbation of (14) pushes e_au away from the
-    singularity.
-
-    Parameters
-    ----------
-    e_desired : float
-        Desired epipole e_du.
-    ratio : float
-        Ratio d_end / d_0 in (0, 1): the part of the distance to keep for the second step.
-    low, high : float
-        Bounds of alpha [rad]; the upper one is what the field of view leaves.
-    focal : float
-        Focal length in the unit of the epipoles.
-
+    singularity. ``ratio`` is d_end / d_0, in (0, 1), the part of the distance to keep for the
+    second step; ``low`` and ``high`` bound alpha [rad].
     """
     alpha = math.atan(abs(math.atan(e_desired / focal)) / math.log(1.0 / ratio))
     return -math.copysign(focal * math.tan(min(max(alpha, low), high)), e_desired)
@@ -210,24 +188,9 @@ def follow_line(
     in the length of the path, of damping ratio 0.9, forward and backward. Replaces u_2 = 0 (eq.
     22), under which the residual offset of the first step and that of unequal wheels remain.
 
-    Parameters
-    ----------
-    linear : float
-        u_1 [m/s].
-    lateral : float
-        Offset x from the axis, right positive [m].
-    heading_error : float
-        alpha, left positive [rad].
-    look_ahead : float
-        Look-ahead distance L [m].
-    least_turn : float
-        Turn left to the heading that leads home below which the robot drives straight on [rad].
-
-    Returns
-    -------
-    twist : Twist
-        u_1 and u_2 = u_1 x / L^2 - 1.8 |u_1| alpha / L.
-
+    u_2 = u_1 x / L^2 - 1.8 |u_1| alpha / L, of u_1 ``linear`` [m/s], x ``lateral``, right positive
+    [m], alpha left positive [rad] and L ``look_ahead`` [m]. Less than ``least_turn`` [rad] from
+    the heading that leads home the robot drives straight on.
     """
     damping = abs(linear) * (2.0 * LINE_DAMPING) * heading_error / look_ahead
     least = abs(linear) * (2.0 * LINE_DAMPING) * least_turn / look_ahead

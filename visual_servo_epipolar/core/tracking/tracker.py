@@ -213,13 +213,8 @@ class Tracker:
         """
         Return the features of the desired view in ``image``, uint8 of shape (H, W).
 
-        None, with a ``reason``, of an image that OpenCV cannot cope with.
-
-        Raises
-        ------
-        ValueError
-            If ``image`` is not uint8 grey, or not as large as the desired one.
-
+        None, with a ``reason``, of an image that OpenCV cannot cope with. Raises ValueError if
+        ``image`` is not uint8 grey, or not as large as the desired one.
         """
         image = as_gray(image)
         if not self.has_desired:
