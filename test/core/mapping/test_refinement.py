@@ -240,18 +240,3 @@ def test_the_noise_of_the_photograph_is_the_mean_of_what_views_show_of_it() -> N
     window = window.with_view(observations([2, 3]), np.zeros(2))
     squares = 1e-6 * np.array([11.0 / 3.0, 12.0 / 4.0, 1.0])
     assert window.photograph_noise == pytest.approx(np.sqrt(squares))
-
-
-@pytest.mark.parametrize(
-    ('change', 'message'),
-    [
-        ({'current': RAYS[:2]}, r'current must have shape \(3, 3\) to match ids, got \(2, 3\)'),
-        ({'desired': RAYS[:3] * [1.0, np.nan, 1.0]}, 'desired must be finite, got 3 rows'),
-        ({'current': RAYS[:3] * np.nan}, 'current must be finite, got 3 rows'),
-        ({'noise': np.zeros((3, 2))}, 'noise must be positive, got 0'),
-        ({'ids': np.array([1, 2, 2])}, 'ids must differ, got 3 of which 2 do'),
-    ],
-)
-def test_bad_sightings_are_refused(change, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        replace(observations([1, 2, 3]), **change)

@@ -40,7 +40,7 @@ def last(exact_drive, exact):
 def test_it_is_as_sure_as_all_views_together(exact_drive, last) -> None:
     geometry, anchors, seen = last
     fit = fit_pose(anchors, seen, exact_drive.views[14])
-    covariance = resect(geometry, anchors, seen, fit, NOTHING).covariance
+    covariance = resect(geometry, anchors, seen, fit, NOTHING)[0].covariance
     least = bound(exact_drive)
     # Noise is taken to be as large along a ray's meridian as across: that costs a few percent.
     assert np.sqrt(np.diag(covariance) / np.diag(least)) == pytest.approx(1.0, abs=0.06)
@@ -51,7 +51,7 @@ def test_features_as_if_independent_would_be_too_sure(exact_drive, last) -> None
     geometry, anchors, seen = last
     far = np.array([0.3, -2.5, 0.0, 0.0, 0.0])
     fit = fit_pose(anchors, seen, exact_drive.views[14])._replace(pose=far)
-    assert resect(geometry, anchors, seen, fit, NOTHING).covariance[1, 1] > (0.04 * 2.5) ** 2
+    assert resect(geometry, anchors, seen, fit, NOTHING)[0].covariance[1, 1] > (0.04 * 2.5) ** 2
 
 
 @pytest.mark.parametrize('times', [1.0, 2.0])  # as large as expected of the noise
@@ -67,7 +67,7 @@ def test_own_noise_is_what_views_draw_anew(exact_drive, last, times: float) -> N
         noise = 1.0 / np.sqrt((seen.tangent_basis[0] ** 2).sum(0))
         noisy = replace(seen, rays=rays, tangent_basis=tangent_basis_of(rays.T, noise))
         fit = fit_pose(anchors, noisy, exact_drive.views[14])
-        found = resect(geometry, anchors, noisy, fit, NOTHING)
+        found, _ = resect(geometry, anchors, noisy, fit, NOTHING)
         poses.append(found.pose)
         own.append(np.diag(found.own))
     ratio = np.std(poses, axis=0) / np.sqrt(np.mean(own, axis=0))
@@ -77,7 +77,7 @@ def test_own_noise_is_what_views_draw_anew(exact_drive, last, times: float) -> N
 
 def test_own_noise_is_a_part_of_the_whole(drive, memory) -> None:
     anchors, seen = seen_by(drive, memory.geometry, 14)
-    found = resect(
+    found, _ = resect(
         memory.geometry, anchors, seen, fit_pose(anchors, seen, drive.views[13]), NOTHING
     )
     rest = found.covariance - found.own
@@ -109,7 +109,7 @@ def test_what_the_floor_can_do_bounds_what_is_not_known_of_the_attitude(last) ->
     )
     chosen = anchors.of(rows)
     fit = fit_pose(chosen, few, geometry.unknowns.views[-1])
-    deviations = np.sqrt(np.diag(resect(geometry, chosen, few, fit, NOTHING).covariance)[3:])
+    deviations = np.sqrt(np.diag(resect(geometry, chosen, few, fit, NOTHING)[0].covariance)[3:])
     assert deviations == pytest.approx(anchors.deviation, rel=0.05)
 
 
@@ -118,7 +118,7 @@ def test_wrong_sightings_do_not_pull(exact_drive, last) -> None:
     rays, tangent_basis = seen.rays.copy(), seen.tangent_basis.copy()
     rays[:, :9], tangent_basis[..., :9] = seen.rays[:, 9:18], seen.tangent_basis[..., 9:18]
     wrong = replace(seen, rays=rays, tangent_basis=tangent_basis)
-    found = resect(
+    found, _ = resect(
         geometry, anchors, wrong, fit_pose(anchors, wrong, exact_drive.views[13]), NOTHING
     )
     assert not found.inliers[:9].any()

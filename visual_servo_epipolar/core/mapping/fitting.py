@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.geometry.least_squares import (
     USUAL_SQUARES,
 )
 from visual_servo_epipolar.core.mapping.factors import LEAST_PLACE
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.projection import (
     BY_FEATURE,
     BY_VIEW,
@@ -107,35 +108,6 @@ def anchors_of(geometry: Geometry) -> Anchors:
         geometry.feature_covariance,
         geometry.unknowns.shared[MOUNT],
         np.sqrt(jitter * jitter + attitude_variance),
-    )
-
-
-class FeatureErrors(NamedTuple):
-    """
-    Errors of n features: ``own`` roots, (n, 3, 3), and what r errors of keyframes make.
-
-    Those are ``shared``, (n, 6, r), of the unknowns of a feature and of the photograph, and
-    ``attitude``, (2, r), of the mount's, in deviations of what the floor does. ``offsets``,
-    (2, 1, n), are those that keyframes gave the photograph's rays, in deviations.
-    """
-
-    own: FloatArray
-    shared: FloatArray
-    attitude: FloatArray
-    offsets: FloatArray
-
-
-def errors_of(geometry: Geometry, rows: IntArray) -> FeatureErrors:
-    """Return the errors of the features in ``rows``, (n,), of a geometry."""
-    root = geometry.root
-    shared = np.empty((len(rows), 6, len(root)))
-    shared[:, :3], shared[:, 3:] = geometry.feature_roots[rows], root[-SHARED:-2]
-    jitter = geometry.evaluation.factors.jitter
-    return FeatureErrors(
-        geometry.system.roots[rows],
-        shared,
-        root[-2:] / jitter,
-        geometry.unknowns.offsets[:, None, rows],
     )
 
 
@@ -231,7 +203,6 @@ def pose_covariance(anchors: Anchors, seen: MatchedFeatures, fit: PoseFit) -> Fl
 
 ALIKE = 0.05  # of the depth: how near the goal views look as the photograph does
 DRIFT = 0.04  # of the share, from view to view: what looks alike changes with the distance
-LEAST_VARIANCE = 1e-6
 # Shares up to which nothing, and from which all is withdrawn: noise alone makes some hundredths,
 # and what features have in common, which displaces most, shows least in what they disagree on.
 CHANCE, ALL = 0.2, 0.5
@@ -250,7 +221,7 @@ class Shrinkage:
     """
 
     share: float = 0.0
-    variance: float = LEAST_VARIANCE
+    variance: float = LEAST_PLACE
 
     @property
     def withdrawn(self) -> float:
@@ -267,43 +238,34 @@ class Shrinkage:
 NOTHING = Shrinkage()
 
 
-class Resection(NamedTuple):
-    """
-    Pose of a view, (5,), its covariance, (5, 5), and ``inliers``, (n,).
-
-    ``own`` is the part of the covariance that is this view's alone, and averages out over views;
-    ``shrinkage`` is that of the photograph's corrections, with what this view tells of it, and
-    ``shift``, (5,), what of the pose is due to what is withdrawn.
-    """
-
-    pose: FloatArray
-    covariance: FloatArray
-    own: FloatArray
-    inliers: BoolArray
-    shrinkage: Shrinkage
-    shift: FloatArray
-
-
 def resect(
     geometry: Geometry,
     anchors: Anchors,
     seen: MatchedFeatures,
     fit: PoseFit,
     shrinkage: Shrinkage,
-) -> Resection:
-    """Return the pose and its covariance, after one step with the whole structure's errors."""
-    errors = errors_of(geometry, seen.rows)
+) -> tuple[MapLocalization, Shrinkage]:
+    """
+    Return where a view is, after one step with the whole structure's errors.
+
+    And the shrinkage of the photograph's corrections, with what this view tells of it.
+    """
+    root = geometry.root
+    # What errors of keyframes make of unknowns of features and of the photograph, (n, 6, r).
+    common = np.empty((len(seen.rows), 6, len(root)))
+    common[:, :3], common[:, 3:] = geometry.feature_roots[seen.rows], root[-SHARED:-2]
     projection = project(anchors.structure, fit.pose, seen.tangent_basis)
     found = slopes(anchors.structure, fit.pose, seen.tangent_basis, projection)
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
     # window.
     own = np.empty((len(seen.rows), 2, VIEW + 2))
     own[..., :VIEW] = found[BY_VIEW].T
-    withdrawing = np.add.reduce(found[OFFSETS] * errors.offsets, axis=0).T
+    offsets = geometry.unknowns.offsets[:, None, seen.rows]
+    withdrawing = np.add.reduce(found[OFFSETS] * offsets, axis=0).T
     np.negative(withdrawing, out=own[..., VIEW])
     own[..., -1] = projection.residuals.T
-    whitening, shared = _whitening(errors, found, fit)
-    beside, by_mount = _prior_rows(geometry, errors, fit.pose, shrinkage)
+    whitening, shared = _whitening(geometry.system.roots[seen.rows], common, found, fit)
+    beside, by_mount = _prior_rows(geometry, fit.pose, shrinkage)
     rows = np.concatenate([(whitening @ own).reshape(-1, VIEW + 2), beside])
     shared = np.concatenate([(whitening @ shared).reshape(2 * len(own), -1), by_mount])
     joint = shared.T @ shared
@@ -320,14 +282,16 @@ def resect(
     seen_noise = math.sqrt(fit.spread) * by_residual.reshape(VIEW, -1)
     noise = np.concatenate([seen_noise, gain[:, -count:]], axis=1)
     covariance = covariance[:VIEW, :VIEW]
-    return Resection(pose, covariance, noise @ noise.T, fit.inliers, after, shift)
+    own_covariance = noise @ noise.T
+    place = MapLocalization(pose, covariance, own_covariance, geometry, fit.inliers, shift)
+    return place, after
 
 
 def _stepped(
     pose: FloatArray, step: FloatArray, covariance: FloatArray
 ) -> tuple[Shrinkage, FloatArray, FloatArray]:
     """Return the shrinkage after a ``step``, (6,), the pose, and what withdrawing moves it by."""
-    variance = max(float(covariance[VIEW, VIEW]), LEAST_VARIANCE)
+    variance = max(float(covariance[VIEW, VIEW]), LEAST_PLACE)
     after = Shrinkage(min(max(-float(step[VIEW]), 0.0), 1.0), variance)
     by_share = covariance[:VIEW, VIEW] / covariance[VIEW, VIEW]
     shift = after.withdrawn * by_share
@@ -335,15 +299,16 @@ def _stepped(
 
 
 def _whitening(
-    errors: FeatureErrors, found: FloatArray, fit: PoseFit
+    own: FloatArray, common: FloatArray, found: FloatArray, fit: PoseFit
 ) -> tuple[FloatArray, FloatArray]:
     """
     Return what makes residuals of features independent, (n, 2, 2), lower triangles.
 
-    And what errors of the window make of them, (n, 2, r).
+    And what errors of the window, ``common`` to features, make of them, (n, 2, r); ``own`` are the
+    roots of features alone, (n, 3, 3).
     """
     slopes = found[BY_FEATURE.start :].transpose(2, 1, 0)  # of the feature, then of what all share
-    alone = slopes[..., :3] @ errors.own
+    alone = slopes[..., :3] @ own
     blocks = np.eye(2) + alone @ alone.swapaxes(1, 2)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening) / fit.spread)
     # The inverted root of [[a, b], [b, c]].
@@ -351,11 +316,11 @@ def _whitening(
     whitening = np.zeros_like(blocks)
     whitening[:, 0, 0], whitening[:, 1, 1] = weight / np.sqrt(a), weight / np.sqrt(c - b * b / a)
     whitening[:, 1, 0] = -b / a * whitening[:, 1, 1]
-    return whitening, slopes @ errors.shared
+    return whitening, slopes @ common
 
 
 def _prior_rows(
-    geometry: Geometry, errors: FeatureErrors, pose: FloatArray, shrinkage: Shrinkage
+    geometry: Geometry, pose: FloatArray, shrinkage: Shrinkage
 ) -> tuple[FloatArray, FloatArray]:
     """Return rows of tilt and roll, off those of the mount by the floor, and of the shrinkage."""
     jitter = geometry.evaluation.factors.jitter
@@ -368,6 +333,6 @@ def _prior_rows(
             [0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / deviation, -shrinkage.share / deviation],
         ]
     )
-    shared = np.zeros((3, errors.attitude.shape[1]))
-    np.negative(errors.attitude, out=shared[:2])
+    shared = np.zeros((3, len(geometry.root)))
+    np.negative(geometry.root[-2:] / jitter, out=shared[:2])
     return rows, shared

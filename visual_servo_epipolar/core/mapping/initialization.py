@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -43,13 +44,12 @@ from visual_servo_epipolar.core.mapping.window import (
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
-STEPS, LAST_STEPS, ROUNDS = 2, 30, 6
+LAST_STEPS, ROUNDS = 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
 LIKELY = 4.0  # of cost, by which the likelier of two geometries must fit better
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
-LEAST_AGREEING = 0.5  # of the trusted features in a view, or of the map's
 LEAST_TRUSTED = 0.35  # of the features
 MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
@@ -75,34 +75,30 @@ def initial_geometry(
         everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
         at, damping = refine_narrowing(
-            orient_ahead(Evaluation(window, unknowns, everything, factors))
+            orient_ahead(Evaluation(window, unknowns, everything, factors)), settings.steps
         )
         geometry = refine(orient_ahead(at), LAST_STEPS, damping)
         geometry = _of_held_views(geometry, settings)
         sound = len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED)
         return geometry if sound else None
 
-    last = starts[-1]
+    cost, last = attrgetter('evaluation.cost'), starts[-1]
     tried = [begun(window, start, starts) for start in starts if start.view == last.view]
     found = [each for each in tried if each is not None and is_sure(each)]
     if not found:
         return None
-    fitting, best, before = found, min(found, key=_cost), None
+    fitting, best, before = found, min(found, key=cost), None
     while best is not before:  # from a twin that fits better, its own twin may fit better still
         exchanged, before = exchanged_starts(best, last.attitude), best
         twin = begun(best.window, exchanged[-1], exchanged) if exchanged else None
         fitting = [*fitting, twin] if twin else fitting
         # A geometry that needs views left out does not fit as well.
         fitting = [each for each in fitting if len(each.window) >= len(best.window)]
-        best, *others = sorted(fitting, key=_cost)
+        best, *others = sorted(fitting, key=cost)
     # Of bearings without a rival two views show that they are true, as well.
     margin = LIKELY if len(tried) == 1 and best is found[0] else CONTRADICTING
     decided = best.converged and not any(is_rival(best, other, margin) for other in others)
     return refine(best.evaluation, 0, best.damping) if decided else None  # at the driven scale
-
-
-def _cost(geometry: Geometry) -> float:
-    return geometry.evaluation.cost
 
 
 def exchanged_starts(geometry: Geometry, attitude: Attitude) -> list[Start]:
@@ -131,22 +127,22 @@ def _plane(geometry: Geometry) -> FloatArray:
 
 def is_rival(best: Geometry, other: Geometry, margin: float = CONTRADICTING) -> bool:
     """Whether ``other`` fits nearly as well from other places: more views must tell."""
-    if _cost(other) > _cost(best) + margin:
+    if other.evaluation.cost > best.evaluation.cost + margin:
         return False
     first, second = (it.unknowns.views[-1, :2] for it in (best, other))
     angle = np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second)
     return bool(abs(angle) > ALIKE)
 
 
-def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
-    """Return the geometry refined while the bound for outliers narrows, and its damping."""
+def refine_narrowing(at: Evaluation, steps: int) -> tuple[Evaluation, float]:
+    """Return the geometry, refined by ``steps`` while outliers are fewer, and its damping."""
     damping = DAMPING
     for _ in range(ROUNDS):
         seen = at.window.seen
         widening = float(np.median(at.squares[seen])) / USUAL_SQUARES if seen.any() else 1.0
         if widening < ALMOST:
             break
-        wide = refine(replace(at, widening=widening), STEPS, damping)
+        wide = refine(replace(at, widening=widening), steps, damping)
         at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
     return replace(at, widening=1.0), damping
 
@@ -180,7 +176,7 @@ def held_views(geometry: Geometry) -> BoolArray:
     """Return the views in which most of the trusted features agree, (K,)."""
     seen = geometry.window.seen & geometry.trusted
     agree = (seen & (geometry.evaluation.squares <= OUTLIER)).sum(1)
-    return np.asarray(agree >= LEAST_AGREEING * np.maximum(seen.sum(1), 1))
+    return np.asarray(2 * agree >= np.maximum(seen.sum(1), 1))
 
 
 def _of_held_views(geometry: Geometry, settings: MapSettings) -> Geometry:

@@ -27,7 +27,6 @@ from visual_servo_epipolar.core.mapping.fitting import (
 from visual_servo_epipolar.core.mapping.initialization import (
     initial_geometry,
     is_sound,
-    LEAST_AGREEING,
     Start,
     triangulate,
 )
@@ -232,20 +231,14 @@ class KeyframeMap:
         seen = MatchedFeatures(rows[known], rays.T, tangent_basis_of(rays, noise))
         anchors = anchors_of(geometry).of(seen.rows)
         fit = fit_pose_near(geometry.unknowns.views, anchors, seen, self.pose)
-        if int(fit.inliers.sum()) < max(MIN_AGREEING, LEAST_AGREEING * count):
+        if int(fit.inliers.sum()) < max(MIN_AGREEING, 0.5 * count):
             return self, None
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
-        found = resect(geometry, anchors, seen, fit, shrinkage)
-        after = replace(
-            self,
-            pose=found.pose,
-            shrinkage=found.shrinkage,
-            pending=observations if learns else None,
-        )
-        known[known] = found.inliers
-        return after, MapLocalization(
-            found.pose, found.covariance, found.own, geometry, known, found.shift
-        )
+        reading, shrinkage = resect(geometry, anchors, seen, fit, shrinkage)
+        pending = observations if learns else None
+        after = replace(self, pose=reading.pose, shrinkage=shrinkage, pending=pending)
+        known[known] = reading.inliers
+        return after, replace(reading, inliers=known)
 
     def _updated(
         self, geometry: Geometry, observations: FeatureObservations, pose: FloatArray

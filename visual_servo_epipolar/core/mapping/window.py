@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray, median
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.geometry.rays import tangents
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
 
@@ -37,24 +37,6 @@ class FeatureObservations:
     desired: FloatArray
     noise: FloatArray
 
-    def __post_init__(self) -> None:
-        count = len(np.asarray(self.ids).reshape(-1))
-        shapes = {'current': (count, 3), 'desired': (count, 3), 'noise': (count, 2)}
-        object.__setattr__(self, 'ids', frozen(np.asarray(self.ids, np.int64).reshape(-1)))
-        for name, shape in shapes.items():
-            object.__setattr__(self, name, _checked(getattr(self, name), name, shape))
-        different = len(set(self.ids.tolist()))
-        if different != count:
-            raise ValueError(
-                f'ids must differ, got {count} of which {different} do; '
-                'pass one row for each feature'
-            )
-        if not (self.noise > 0.0).all():
-            raise ValueError(
-                f'noise must be positive, got {self.noise.min():g}; '
-                'pass the deviation of the angle of each ray [rad]'
-            )
-
     def __len__(self) -> int:
         return len(self.ids)
 
@@ -65,20 +47,6 @@ class FeatureObservations:
         return FeatureObservations(
             self.ids[rows], self.current[rows], self.desired[rows], self.noise[rows]
         )
-
-
-def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
-    values = np.asarray(array, np.float64)
-    if values.shape != shape:
-        raise ValueError(
-            f'{name} must have shape {shape} to match ids, got {values.shape}; '
-            'pass one row for each feature'
-        )
-    finite = np.isfinite(values).all(axis=1)
-    if not finite.all():
-        bad = int((~finite).sum())
-        raise ValueError(f'{name} must be finite, got {bad} rows with NaN or inf; drop them')
-    return np.asarray(frozen(values))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
