@@ -26,7 +26,6 @@ from visual_servo_epipolar.core.laws.arrival import (
     facing_bound,
     is_at_goal,
     matched_bound,
-    PATIENCE_S,
     release_bound,
 )
 from visual_servo_epipolar.core.laws.conditions import excursion_limit, is_sideways
@@ -43,6 +42,7 @@ from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.perceive import Perception
 
 HALF_TURN = math.pi
+SPENT_S = 1.0  # near the aim: what is finer than usual is not waited for any more
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_a_memory_of_views_matches_as_closely_as_it_knows() -> None:
     assert asked(matched_bound, START, exact, SETTINGS) == 0.0
     vague = replace(exact, difference_deviation=1e-4)
     assert asked(matched_bound, START, vague, SETTINGS) == pytest.approx(0.3e-4)
-    at_last = START.changed(time_in_tolerance=PATIENCE_S + 0.1)
+    at_last = START.changed(time_in_tolerance=SPENT_S)
     vaguer = replace(exact, difference_deviation=0.1)
     assert asked(matched_bound, at_last, vaguer, SETTINGS) == pytest.approx(0.2)
 
@@ -118,7 +118,7 @@ def test_no_base_is_asked_for_less_than_it_can_move(mode, frames) -> None:
     vague = replace(exact, difference_deviation=1e-3)  # a hop is no finer than a look
     assert asked(matched_bound, START, vague, banded) == pytest.approx(1e-3)
     free = replace(banded, dead_band_linear=0.0)
-    late = slow.changed(time_in_tolerance=PATIENCE_S + 0.1)
+    late = slow.changed(time_in_tolerance=SPENT_S)
     for name in ('time_in_tolerance', 'time_at_goal'):
         waiting = (late.changed(**{name: seconds}) for seconds in (1, 3, 60))
         waits = [asked(matched_bound, state, vague, free) for state in waiting]
@@ -147,8 +147,8 @@ def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
         state = in_phase(phase, measurement=exact)
         assert not is_settled(state, SETTINGS)
         assert is_close(state, SETTINGS)
-        assert is_settled(state.changed(time_in_tolerance=PATIENCE_S + 0.1), SETTINGS)
-    turned = in_phase(Phase.ORIENTING, time_in_tolerance=PATIENCE_S + 0.1)
+        assert is_settled(state.changed(time_in_tolerance=SPENT_S), SETTINGS)
+    turned = in_phase(Phase.ORIENTING, time_in_tolerance=SPENT_S)
     assert asked(is_at_goal, turned, exact, SETTINGS)
     assert not asked(is_at_goal, in_phase(Phase.ORIENTING), exact, SETTINGS)
     assert not is_close(in_phase(Phase.RETREATING, measurement=exact), SETTINGS)

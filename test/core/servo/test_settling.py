@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.settling import is_settled, SEEN_S, settle
+from visual_servo_epipolar.core.servo.settling import is_settled, seen_after, settle
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance, classify, nominal_twist
 from visual_servo_epipolar.core.twoview.measurement import Measurement
@@ -23,7 +23,9 @@ from visual_servo_epipolar.core.twoview.perceive import Perception
 FRAME_NS = 100_000_000
 BANDED = replace(SETTINGS, dead_band_linear=0.03)
 BOUND = 0.5 * 0.03 * 0.1 * 0.1  # half a hop, as D
-SEEN = round(SEEN_S * 1e9) // FRAME_NS  # frames until the last motion was seen
+SEEN = (
+    round(seen_after(ServoSettings()) * 1e9) // FRAME_NS
+)  # frames until the last motion was seen
 
 
 def stood(

@@ -22,8 +22,8 @@ TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its en
 STEERING_S = 0.35  # look-ahead in time: what is steered within less, a late loop swings by
 LEAST_LOOK_AHEAD = 0.02  # [m]
 NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
-RESIDUAL, LEAST_RESIDUAL = 3e-4, 1e-4  # what steering may leave aside [m]
 WELL_KNOWN = 6e-4  # deviation aside up to which it closes in at full speed [m]
+LEAST_RESIDUAL = 1e-4  # that steering may leave aside [m]
 CREEP = 0.03  # least speed for the sake of steering [m/s]
 FACING_FROM, FACING_AT = 0.012, 0.004  # way left at which the heading alone counts, at last [m]
 SHARPER = 4.0  # times a gain, at which a braked motion ends: it is not late by its ramps
@@ -52,8 +52,8 @@ def converging_speed(
     """
     aside *= min(NEAR / max(left, NEAR), 1.0) ** power
     # Steering may leave half of what the place is unknown by.
-    known = place_deviation(goal) or 2.0 * RESIDUAL
-    residual = min(max(0.5 * known, LEAST_RESIDUAL), RESIDUAL)
+    known = min(place_deviation(goal) or WELL_KNOWN, WELL_KNOWN)
+    residual = max(0.5 * known, LEAST_RESIDUAL)
     decays = math.log(max(aside / residual, 1.0))
     if decays == 0.0:
         return math.inf

@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
 
 CRITICAL_GAIN_DELAY = 1.0 / math.e  # gain times delay at which an integrator is critically damped
-FLOOR_PERIODS = 2.0  # turns of one period that e_au keeps from zero
 DISCORDANT_DECAY = 1.0  # k1 t_max of discordant epipoles: e_au keeps 1/e of where it began
 RATIOS = 9  # values of d_hat_0 / d_0, of which one gives the longest path
 STEPS = 100  # of the integration over e_du, or over the distance
@@ -59,12 +58,8 @@ def derive(circumstances: Circumstances) -> Gains:
     """
     Return the gains for the ``circumstances`` of a start (section IV-C).
 
-    Raises
-    ------
-    ValueError
-        If concordant epipoles begin too close to the singularity for any gain, or one period is
-        too long for the limits of speed.
-
+    Raises ValueError if concordant epipoles begin too close to the singularity for any gain, or
+    one period is too long for the limits of speed.
     """
     beta, gamma = quickest_exponent(circumstances)
     exponent = beta / gamma
@@ -146,7 +141,7 @@ def least_bearing(circumstances: Circumstances) -> float:
     period, distance = circumstances.period, circumstances.nearest
     linear, angular = circumstances.max_linear, circumstances.max_angular
     approach = linear * period / distance
-    turn = FLOOR_PERIODS * angular * period
+    turn = 2.0 * angular * period
     if approach >= 0.5 or turn / (1.0 - approach) >= 0.5 * math.pi:
         raise ValueError(
             f'one period must be short for the limits, got {period:g} s at '
@@ -167,12 +162,7 @@ def largest_decay(circumstances: Circumstances) -> float:
 
     so k1 must be small *against* k2, and k2 large, not small. Discordant epipoles are pushed
     outwards and need no bound; DISCORDANT_DECAY keeps the robot from coming too near the goal.
-
-    Raises
-    ------
-    ValueError
-        If both are negative: no gain is legal.
-
+    Raises ValueError if both are negative: no gain is legal.
     """
     if not circumstances.concordant:
         return DISCORDANT_DECAY

@@ -33,7 +33,6 @@ STEPS = 110
 LEAST_AHEAD = 0.1  # of the goal, on its axis, where the law ends, and its steps get no shorter [m]
 WAYS = np.array([0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0])
 BENDS = np.array([0.0, -0.3, 0.3, -0.6, 0.6, -1.0, 1.0])  # of the largest curvature
-ASIDE, TURNED = 1e-3, 5e-3  # error at which a way ends at the goal [m], [rad]
 SPARED = 0.85  # of the largest curvature, by which ways are chosen: the rest undoes errors
 MISSED = 4.0  # times what a way may miss the goal by, at which it is given up
 FAR = 0.2  # way left for which as much again is tolerated: it is not known as well from there [m]
@@ -78,6 +77,8 @@ def misses(place: GoalOffset, heading: float, bounds: Bounds) -> FloatArray:
     """
     Return by how much the motion from each ``place`` misses the goal: 1 is what it may.
 
+    That is half of what a robot that has arrived may be off.
+
     ``heading`` is the one that ``bounds`` count their turns from. inf where it begins out of view,
     or past the goal.
     """
@@ -92,7 +93,7 @@ def misses(place: GoalOffset, heading: float, bounds: Bounds) -> FloatArray:
             break
         wanted = _curvature(place, low, high)
         place = moved(place, way, np.clip(wanted, -bounds.curvature, bounds.curvature))
-    error = np.hypot(place.x / ASIDE, place.heading / TURNED)
+    error = 2.0 * np.hypot(place.x / arrival.ARRIVAL_OFFSET, place.heading / FACES)
     return np.where(lost | (place.y < -STEP * LEAST_AHEAD), np.inf, error)
 
 

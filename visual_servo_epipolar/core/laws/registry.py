@@ -13,9 +13,6 @@ LAWS: Registry[Law] = Registry(
 )
 
 
-GREY = '#5A5A5A'
-
-
 def law_named(name: str) -> Law:
     """Return the law of that name; ValueError if there is none, with all that there are."""
     try:
@@ -72,7 +69,7 @@ def phase_words(word: str) -> str:
 def phase_colour(word: str) -> str:
     """Return the colour of a phase as '#RRGGBB'; grey where no law has the phase."""
     row = phase_row(word)
-    return row.colour if row else GREY
+    return row.colour if row else '#5A5A5A'
 
 
 def sentence(phase: Phase, reason: str) -> str:

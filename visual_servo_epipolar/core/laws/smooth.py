@@ -53,8 +53,7 @@ BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis 
 MOST_ASIDE = 0.3  # heading error at which it backs off towards the axis [rad]
 TURNING_BEARING = 0.25  # beyond that at which backing off ends: where it turns ahead [rad]
 PASSED = 0.05  # beyond which the goal was passed by [m]
-HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
-BESIDE, HYSTERESIS = 0.05, 0.35  # beyond it, where a robot backs off: at first, on its way [rad]
+HYSTERESIS = 0.35  # beyond where a robot backs off at first, for one on its way [rad]
 
 
 class Sight(NamedTuple):
@@ -75,7 +74,7 @@ def approach(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     pose, deviation = steering.polar_pose(*sight), arrival.deviation(goal)
     in_view = not around and steering.goes_around_in_view(pose, goal, settings)
     if around or in_view:
-        left = max(left, steering.LEAST_WAY * math.hypot(sight.x, sight.y))
+        left = max(left, 0.5 * math.hypot(sight.x, sight.y))  # around is farther than straight
     braking = BRAKING * settings.max_acceleration
     certain = settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
     speed = min(rate_within(left, deceleration=braking, delay=TAIL_S), certain)
@@ -274,7 +273,7 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
     if goal.offset is None:
         # A single view without the memory is none; near the goal two views know no direction,
         # and on its axis, where D is small, the second step leads there.
-        bearings, near = goal.bearings, abs(goal.difference) <= HANDOVER_DIFFERENCE
+        bearings, near = goal.bearings, abs(goal.difference) <= 0.5 * settings.retreat_difference
         if bearings is None or near and max(abs(bearings.chi), abs(bearings.alpha)) <= ON_AXIS:
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(goal, settings) else Event.NOTHING
@@ -398,7 +397,7 @@ def surveyed(row: PhaseRow) -> PhaseRow:
     def classify(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
         event = row.classify(goal, memory, settings)
         if event is Event.SIDEWAYS and not _lies_beside(
-            goal, settings, beyond=BESIDE, least=steering.LEAST_SHARE
+            goal, settings, beyond=steering.RESERVE, least=steering.LEAST_SHARE
         ):
             event = Event.APART
         known = goal.offset is not None or goal.bearings is not None

@@ -23,7 +23,6 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 # meanwhile, somebody must have turned it.
 RESUMING_FRAMES, TURNED_FRAMES = 3, 15
 LEG, SWINGS = 0.3, (0.0, 0.3, -0.3)  # way of a leg [m], and how far aside each leads [rad]
-SWUNG = 0.03  # turn left with which a leg begins [rad]
 MOST_PROBES = 3  # in an attempt
 
 
@@ -169,7 +168,7 @@ def classify_probe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) 
 def probe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twist:
     """Return the velocity of a probe: straight on, or the turn to the next leg."""
     angle = _turn_left(goal)
-    if turns_in_place(settings.drive) and abs(angle) > SWUNG:
+    if turns_in_place(settings.drive) and abs(angle) > settings.displacement_tolerance:
         return Twist(0.0, settled_turn(angle, goal, settings))
     return Twist(
         -settings.retreat_speed if memory.phase.backs_off else settings.retreat_speed, 0.0

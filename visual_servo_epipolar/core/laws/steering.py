@@ -35,10 +35,8 @@ AT_GOAL_AROUND = 0.12  # nearer no direction to it is worth a turn [m]
 BEHIND_IT = 2.6  # |phi| beyond which either side leads around as well [rad]
 STEERED, TURNS_IN_PLACE = 0.6, 1.0  # off the aim: up to which it drives on, and not at all [rad]
 NEARS, LEADS_AWAY = 1.45, 1.6  # delta at which it drives on, and not at all [rad]
-LEAST_WAY = 0.5  # of the distance, that is left to drive at least while it goes around
 RESERVE = 0.05  # of the margins of the view [rad]
 WIDE_RESERVE = 0.3  # of those by which the way is chosen [rad]
-WIDE = 1.0  # of a window of headings to either side, from where on it is wide [rad]
 LEAST_SHARE, KEPT_SHARE = 0.35, 0.2  # of the distance left where the aim is seen: at first, later
 AT_GOAL = 0.25  # nearer a bearing tells of the goal, not of the way: it follows the line to it [m]
 STEPS = 12  # of Newton's method; one is exact to a degree
@@ -192,10 +190,11 @@ def leads_around(
     """
     Return whether one motion leads from ``pose`` around to the goal, in view all the way.
 
-    A base that steers cannot turn to the aim first: ``on_arcs`` says where its motion leads.
+    A base that steers cannot turn to the aim first: ``on_arcs`` says where its motion leads. A
+    view is wide where the robot may be so far off its aim that it turns in place.
     """
     low, high = heading_window(goal, WIDE_RESERVE)
-    wide = low < -WIDE and high > WIDE and math.isfinite(high - low)
+    wide = low < -TURNS_IN_PLACE and high > TURNS_IN_PLACE and math.isfinite(high - low)
     leads = turns_in_place(settings.drive) and wide
     return leads and share_left(pose.phi, (low, high)) >= least
 

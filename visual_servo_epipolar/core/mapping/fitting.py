@@ -250,10 +250,6 @@ def resect(
 
     And the shrinkage of the photograph's corrections, with what this view tells of it.
     """
-    root = geometry.root
-    # What errors of keyframes make of unknowns of features and of the photograph, (n, 6, r).
-    common = np.empty((len(seen.rows), 6, len(root)))
-    common[:, :3], common[:, 3:] = geometry.feature_roots[seen.rows], root[-SHARED:-2]
     projection = project(anchors.structure, fit.pose, seen.tangent_basis)
     found = slopes(anchors.structure, fit.pose, seen.tangent_basis, projection)
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
@@ -264,7 +260,7 @@ def resect(
     withdrawing = np.add.reduce(found[OFFSETS] * offsets, axis=0).T
     np.negative(withdrawing, out=own[..., VIEW])
     own[..., -1] = projection.residuals.T
-    whitening, shared = _whitening(geometry.system.roots[seen.rows], common, found, fit)
+    whitening, shared = _whitening(geometry, seen.rows, found, fit)
     beside, by_mount = _prior_rows(geometry, fit.pose, shrinkage)
     rows = np.concatenate([(whitening @ own).reshape(-1, VIEW + 2), beside])
     shared = np.concatenate([(whitening @ shared).reshape(2 * len(own), -1), by_mount])
@@ -299,16 +295,18 @@ def _stepped(
 
 
 def _whitening(
-    own: FloatArray, common: FloatArray, found: FloatArray, fit: PoseFit
+    geometry: Geometry, rows: IntArray, found: FloatArray, fit: PoseFit
 ) -> tuple[FloatArray, FloatArray]:
     """
     Return what makes residuals of features independent, (n, 2, 2), lower triangles.
 
-    And what errors of the window, ``common`` to features, make of them, (n, 2, r); ``own`` are the
-    roots of features alone, (n, 3, 3).
+    And what errors of the window make of them, (n, 2, r).
     """
+    root = geometry.root
+    common = np.empty((len(rows), 6, len(root)))  # by features, then by the photograph
+    common[:, :3], common[:, 3:] = geometry.feature_roots[rows], root[-SHARED:-2]
     slopes = found[BY_FEATURE.start :].transpose(2, 1, 0)  # of the feature, then of what all share
-    alone = slopes[..., :3] @ own
+    alone = slopes[..., :3] @ geometry.system.roots[rows]
     blocks = np.eye(2) + alone @ alone.swapaxes(1, 2)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening) / fit.spread)
     # The inverted root of [[a, b], [b, c]].

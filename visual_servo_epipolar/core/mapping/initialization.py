@@ -44,12 +44,13 @@ from visual_servo_epipolar.core.mapping.window import (
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
 
-LAST_STEPS, ROUNDS = 30, 6
+STEPS, LAST_STEPS, ROUNDS = 2, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
 LIKELY = 4.0  # of cost, by which the likelier of two geometries must fit better
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
+LEAST_AGREEING = 0.5  # of the trusted features in a view, or of the map's
 LEAST_TRUSTED = 0.35  # of the features
 MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
@@ -75,7 +76,7 @@ def initial_geometry(
         everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
         at, damping = refine_narrowing(
-            orient_ahead(Evaluation(window, unknowns, everything, factors)), settings.steps
+            orient_ahead(Evaluation(window, unknowns, everything, factors))
         )
         geometry = refine(orient_ahead(at), LAST_STEPS, damping)
         geometry = _of_held_views(geometry, settings)
@@ -134,15 +135,15 @@ def is_rival(best: Geometry, other: Geometry, margin: float = CONTRADICTING) -> 
     return bool(abs(angle) > ALIKE)
 
 
-def refine_narrowing(at: Evaluation, steps: int) -> tuple[Evaluation, float]:
-    """Return the geometry, refined by ``steps`` while outliers are fewer, and its damping."""
+def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
+    """Return the geometry refined while the bound for outliers narrows, and its damping."""
     damping = DAMPING
     for _ in range(ROUNDS):
         seen = at.window.seen
         widening = float(np.median(at.squares[seen])) / USUAL_SQUARES if seen.any() else 1.0
         if widening < ALMOST:
             break
-        wide = refine(replace(at, widening=widening), steps, damping)
+        wide = refine(replace(at, widening=widening), STEPS, damping)
         at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
     return replace(at, widening=1.0), damping
 
@@ -176,7 +177,7 @@ def held_views(geometry: Geometry) -> BoolArray:
     """Return the views in which most of the trusted features agree, (K,)."""
     seen = geometry.window.seen & geometry.trusted
     agree = (seen & (geometry.evaluation.squares <= OUTLIER)).sum(1)
-    return np.asarray(2 * agree >= np.maximum(seen.sum(1), 1))
+    return np.asarray(agree >= LEAST_AGREEING * np.maximum(seen.sum(1), 1))
 
 
 def _of_held_views(geometry: Geometry, settings: MapSettings) -> Geometry:

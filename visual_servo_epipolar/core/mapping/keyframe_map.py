@@ -27,6 +27,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
 from visual_servo_epipolar.core.mapping.initialization import (
     initial_geometry,
     is_sound,
+    LEAST_AGREEING,
     Start,
     triangulate,
 )
@@ -231,7 +232,7 @@ class KeyframeMap:
         seen = MatchedFeatures(rows[known], rays.T, tangent_basis_of(rays, noise))
         anchors = anchors_of(geometry).of(seen.rows)
         fit = fit_pose_near(geometry.unknowns.views, anchors, seen, self.pose)
-        if int(fit.inliers.sum()) < max(MIN_AGREEING, 0.5 * count):
+        if int(fit.inliers.sum()) < max(MIN_AGREEING, LEAST_AGREEING * count):
             return self, None
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         reading, shrinkage = resect(geometry, anchors, seen, fit, shrinkage)

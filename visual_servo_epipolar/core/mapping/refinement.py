@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median, ROUNDING
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.geometry.least_squares import (
     CONTRADICTING,
     Damped,
@@ -39,6 +39,7 @@ from visual_servo_epipolar.core.mapping.window import (
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
+LEAST_INVERSE_DEPTH = 1e-6  # [1/m]
 WRONG_SHARE = 0.4  # of the observations that are outliers, from which the whole feature is one
 # Times nearer than the median feature, by so few views: wrong matches near the photograph are.
 NEAREST, FEW_VIEWS = 50.0, 2
@@ -257,7 +258,7 @@ class Geometry:
     def depth(self) -> float:
         """Median depth of trusted features [m]."""
         near = self.unknowns.inverse_depth[self.trusted]
-        return 1.0 / max(median(near), ROUNDING) if len(near) else 1.0
+        return 1.0 / max(median(near), LEAST_INVERSE_DEPTH) if len(near) else 1.0
 
     @cached_property
     def noise_ratio(self) -> float:

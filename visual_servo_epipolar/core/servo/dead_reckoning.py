@@ -15,9 +15,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Identification, ServoState, ViewState
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.perceive import Perception
+from visual_servo_epipolar.core.twoview.rolling_shutter import OF_ONE_IMAGE
 
-RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next one
-PERIOD_SMOOTHING = 0.1
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean
 
 
 class Actuation(NamedTuple):
@@ -137,7 +137,7 @@ def usual_period(before: float, dt: float) -> float:
         return dt or math.nan
     if dt == 0.0:  # stamps that leap tell nothing of it
         return before
-    return before + PERIOD_SMOOTHING * (dt - before)
+    return before + OF_ONE_IMAGE * (dt - before)
 
 
 def jitter(view: ViewState, dt: float) -> float:
@@ -145,7 +145,7 @@ def jitter(view: ViewState, dt: float) -> float:
     before = 0.0 if view.measurement is None else view.measurement.jitter
     if dt == 0.0 or math.isnan(view.period):
         return before
-    return before + PERIOD_SMOOTHING * (abs(dt - view.period) - before)
+    return before + OF_ONE_IMAGE * (abs(dt - view.period) - before)
 
 
 def desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:

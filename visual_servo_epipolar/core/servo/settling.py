@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.bases.base import turns_in_place
+from visual_servo_epipolar.core.estimate.base_model import LATENCY_S
 from visual_servo_epipolar.core.estimate.dead_band import learns, STANDING
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -31,7 +32,6 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.observation import Observation
 
-SEEN_S = 0.4  # after which a motion has acted and was seen, of a base that obeys in time
 STAND_S = 1.5  # longest look where what it sees swings: two and a move take less than 5 s
 SWING = 0.25  # of the scatter of a stand, that its mean may be wrong by
 
@@ -236,7 +236,7 @@ def _with_dead_band_of_move(state: ServoState, settings: ServoSettings) -> Servo
 
 def seen_after(settings: ServoSettings) -> float:
     """Return the time after which a motion that was commanded has acted and was seen [s]."""
-    return max(SEEN_S, settings.latency + SEEN_S / 3.0)
+    return max(2.0 * LATENCY_S, settings.latency + 2.0 * LATENCY_S / 3.0)
 
 
 def _aside(
