@@ -18,7 +18,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.cheirality import VOTE_SATURATION
 from visual_servo_epipolar.core.geometry.epipolar import (
     cross_matrix,
     decomposed,
@@ -33,11 +32,12 @@ from visual_servo_epipolar.core.geometry.least_squares import (
     likeliest_noise,
     TUKEY,
 )
-from visual_servo_epipolar.core.geometry.rays import normalised, SMALLEST
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
 from visual_servo_epipolar.core.geometry.significance import together
 from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
 from visual_servo_epipolar.core.twoview.hypotheses import Rays, rays_of, WORST
+from visual_servo_epipolar.core.twoview.planar_motion import behind
 from visual_servo_epipolar.core.twoview.refinement import (
     LARGEST_STEP,
     linearised,
@@ -259,20 +259,12 @@ def wrong_depths(motions: Motions, rays: Rays, scale: float) -> BoolArray:
     """
     Return which matches, shape (K, N), lie behind a camera by more than noise.
 
-    A match moves along its epipolar line from where it would be at infinity. The other way there
-    is nothing. Unit rays have depths along them, behind the camera as well.
+    Unit rays have depths along them, behind the camera as well.
     """
-    current, desired = rays.current.T, rays.desired.T
-    turned = motions.rotation @ current  # (K, 3, N)
-    normal = np.cross(desired[None], turned, axis=1)
-    limit = VOTE_SATURATION * scale * np.sqrt(rays.noise_a**2 + rays.noise_d**2)
-    wrong = np.zeros(normal[:, 0].shape, bool)
-    for ray in (np.broadcast_to(desired[None], turned.shape), turned):
-        across = np.cross(ray, motions.baseline[:, :, None], axis=1)
-        size = np.sqrt((across * across).sum(axis=1))
-        along = (normal * across).sum(axis=1) / np.maximum(size, SMALLEST)
-        wrong |= (along > limit) & (size > SMALLEST)
-    return wrong
+    turned, desired = motions.rotation @ rays.current.T, rays.desired.T  # (K, 3, N)
+    ahead = (motions.baseline[:, None] @ turned)[:, 0]
+    between = (turned * desired).sum(axis=1)
+    return behind(ahead, motions.baseline @ desired, between, scale * rays.noise)
 
 
 class Spread(NamedTuple):

@@ -105,24 +105,15 @@ def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
     Every pair has the same photograph: what its noise did to one estimate it does to the next as
     well. No number of pairs tells more than twice what one does.
     """
-    covariance, is_anew = _combined(before.covariance, after.covariance)
-    known = after if is_anew else after.known_to(covariance)
-    return replace(known, jitter=before.jitter)
-
-
-def _combined(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
-    """
-    Return the covariance after one more pair of views, (2, 2), and whether it begins anew.
-
-    Then ``after`` was not estimated from what was known ``before``.
-    """
-    root = np.linalg.cholesky(before)
+    root = np.linalg.cholesky(before.covariance)
     # What this pair tells, in units of what was known, along directions that do not mix.
-    gain, axes = np.linalg.eigh(root.T @ np.linalg.inv(after) @ root - IDENTITY)
-    known = np.maximum(np.minimum(1.0 + gain, 2.0 * gain), 1.0)
-    axes = root @ axes
-    covariance = (axes / known) @ axes.T
-    least = KNOWN_DEVIATION * KNOWN_DEVIATION
-    for k in range(2):
-        covariance[k, k] = max(covariance[k, k], least)
-    return covariance, bool(gain[0] < -ROUNDING)
+    gain, axes = np.linalg.eigh(root.T @ np.linalg.inv(after.covariance) @ root - IDENTITY)
+    if not gain[0] < -ROUNDING:  # or it was not estimated from what was known before
+        known = np.maximum(np.minimum(1.0 + gain, 2.0 * gain), 1.0)
+        axes = root @ axes
+        covariance = (axes / known) @ axes.T
+        least = KNOWN_DEVIATION * KNOWN_DEVIATION
+        for k in range(2):
+            covariance[k, k] = max(covariance[k, k], least)
+        after = after.known_to(covariance)
+    return replace(after, jitter=before.jitter)

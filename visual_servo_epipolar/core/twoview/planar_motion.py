@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray, packed, TINY
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed, TINY
 from visual_servo_epipolar.core.geometry.cheirality import depth_balance, VOTE_SATURATION
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens, REACH
@@ -171,33 +171,32 @@ def in_front_of(rays: Rays, agree: BoolArray, angles: FloatArray) -> tuple[Float
     phasors = np.exp(1j * angles[..., : PHI + 1])
     planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
     balance = depth_balance(phasors, *planes, voting, upright.noise)
-    in_front = voting & ~_behind(phasors, upright, balance)
+    # Along the baseline, and across it: y is the other direction across.
+    desired = phasors[..., :1].conj() * (upright.x_d + 1j * upright.z_d)
+    current = -1j * phasors[..., 1:].conj() * (upright.x_a + 1j * upright.z_a)
+    between = (desired * current.conj()).real + upright.y_d * upright.y_a
+    sign = np.where(balance < 0.0, -1.0, 1.0)[..., None]
+    in_front = voting & ~behind(sign * current.real, sign * desired.real, between, upright.noise)
     kept = in_front.sum(axis=-1) >= TRUSTED_SHARE * voting.sum(axis=-1)
     return balance, np.where(kept[..., None], in_front, voting)
 
 
-def _behind(bearings: ComplexArray, upright: Rays, balance: FloatArray) -> BoolArray:
+def behind(
+    current: FloatArray, desired: FloatArray, between: FloatArray, noise: FloatArray
+) -> BoolArray:
     """
     Return which matches, (..., N), lie along the reverse of a ray, by more than noise.
 
-    On its epipolar line a match is displaced away from the epipole ahead. An epipole that comes to
-    lie between the two images of a wrong match, or upon one of them, would be fixed by it alone.
+    A match moves along its epipolar line from where it would be at infinity, away from the epipole
+    ahead. The other way there is nothing: an epipole that comes to lie between the two images of a
+    wrong match, or upon one of them, would be fixed by it alone. Of rays turned alike, cosines are
+    those to the way to the ``current`` camera, and ``between`` both; ``noise`` is in rad.
     """
-    psi, phi = bearings[..., :1], bearings[..., 1:]
-    desired = psi.conj() * (upright.x_d + 1j * upright.z_d)
-    current = 1j * phi.conj() * (upright.x_a + 1j * upright.z_a)
-    # Along the baseline, and across it: y is the other direction across.
-    along_d, along_a = desired.real, -current.real
-    sine_d = np.sqrt(desired.imag * desired.imag + upright.y_d * upright.y_d)
-    sine_a = np.sqrt(current.imag * current.imag + upright.y_a * upright.y_a)
-    both = upright.y_d * upright.y_a - desired.imag * current.imag
-    noise = upright.noise
     least = VOTE_SATURATION * noise  # of parallax, and of the way to the epipole
     # Sine of the parallax by each ray, less where it is near the epipole.
-    seen_d = (along_a * sine_d * sine_d - along_d * both) / np.hypot(sine_d, least)
-    seen_a = (along_a * both - along_d * sine_a * sine_a) / np.hypot(sine_a, least)
-    sign = np.where(balance < 0.0, -1.0, 1.0)[..., None]
-    return np.asarray(np.maximum(sign * seen_d, sign * seen_a) > 1.4142 * least)
+    by_desired = (current - desired * between) / np.sqrt(1.0 - desired * desired + least * least)
+    by_current = (current * between - desired) / np.sqrt(1.0 - current * current + least * least)
+    return np.asarray(np.maximum(by_desired, by_current) > math.sqrt(2.0) * least)
 
 
 def exchanged_on_plane(rays: Rays, angles: FloatArray) -> FloatArray | None:

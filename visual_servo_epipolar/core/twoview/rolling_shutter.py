@@ -111,7 +111,7 @@ class RollingShutter:
     last: Observation | None = None
     rate: TurnRate = TurnRate()
     up: FloatArray = field(default_factory=lambda: NOTHING)
-    period: float = math.nan
+    period: float = 0.0
     intervals: int = 0
 
     def readout(self, configured: float) -> float:
@@ -145,7 +145,7 @@ class RollingShutter:
             return self._anew(None)
         last = self.last
         if last is None or observation.stamp_ns <= last.stamp_ns:
-            return replace(self._anew(observation), period=math.nan, intervals=0)
+            return replace(self._anew(observation), period=0.0, intervals=0)
         seconds = seconds_between(last.stamp_ns, observation.stamp_ns)
         after = self._timed(seconds)
         pair = RowPair.of(last, observation, axes.up)
@@ -168,8 +168,6 @@ class RollingShutter:
     def _timed(self, gap: float) -> 'RollingShutter':
         """Return the estimate with the mean time between images after one more of ``gap`` [s]."""
         count = self.intervals + 1
-        if count == 1:
-            return replace(self, period=gap, intervals=1)
         weight = max(1.0 / count, OF_ONE_IMAGE)
         return replace(self, period=self.period + weight * (gap - self.period), intervals=count)
 

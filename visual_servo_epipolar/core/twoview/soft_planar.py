@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens, REACH
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, headings
-from visual_servo_epipolar.core.tracking.robust_geometry import essential_matrices
+from visual_servo_epipolar.core.tracking.robust_geometry import BEST, essential_matrices
 from visual_servo_epipolar.core.twoview.estimator import Attitude, COLD_DEVIATION, Estimate, Prior
 from visual_servo_epipolar.core.twoview.hypotheses import (
     ALTERNATIVE_COST,
@@ -65,7 +65,6 @@ COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are mad
 GENERAL = math.radians(2.5)  # above it tilts to try would be too many
 TILTS = np.linspace(-1.0, 1.0, 9)  # of those, in deviations of the prior
 PAIRS = 60  # for each attitude that is tried
-LEVEL_MODES = 6
 NO_JUMP = np.zeros(1)
 JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in jitters
 STEP = 0.25  # between the focal lengths that are tried: of their logarithm
@@ -362,7 +361,7 @@ def start_parameters(rays: Rays, attitude: Attitude, jumps: FloatArray) -> Float
     hypotheses = two_point_hypotheses(upright, PAIRS)
     costs = scores(hypotheses, upright.blurred(attitude.blur)).ravel()
     angles = np.angle(hypotheses).swapaxes(-2, -1).reshape(-1, 2)
-    best = best_modes(angles, costs, LEVEL_MODES, separation=0.5 * SEPARATION)
+    best = best_modes(angles, costs, BEST, separation=0.5 * SEPARATION)
     start = np.zeros((len(best), RATIO))
     start[:, [PSI, PHI]], start[:, ROLL] = angles[best], attitude.roll
     start[:, [TILT, TILT_JUMP]] = grid[best // hypotheses.shape[-1]]

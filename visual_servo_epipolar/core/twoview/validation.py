@@ -33,11 +33,11 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 MIN_INLIER_SHARE = 0.3
 MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
-LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
 # either view, and a nod of the body, are less than 3.4 deg.
 ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
+NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ def rolled_over(rotation: FloatArray, current: FloatArray, desired: FloatArray) 
     if rotation[1, 1] >= 0.0:
         return ''
     is_above = float(current[:, 1] @ desired[:, 1]) > 0.0
-    if is_above and handedness(current, desired) > LEAST_HANDED:
+    if is_above and handedness(current, desired) > RIGHT:
         return ''
     return Reason.ROLLED_OVER.of(math.degrees(math.acos(max(float(rotation[1, 1]), -1.0))))
 
@@ -182,9 +182,6 @@ def _contradiction(
         if memory.consecutive_rejections + 1 < MAX_REJECTIONS:
             return Reason.LEAPT.of(math.degrees(change))
     return '' if estimate.alternative is None else Reason.TWO_GEOMETRIES.of()
-
-
-NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
