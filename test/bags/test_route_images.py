@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
-from recorded_drives import befallen, Change, REFUSED, TAKEN
+from recorded_drives import befallen, Change, REFUSED, room_drive, TAKEN
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.route_images import RecordedWay
@@ -19,16 +19,13 @@ from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages.route_folder import read_route
 
 CAMERA = calibrated_camera((64, 48), (50.0, 0.0, 31.5, 0.0, 50.0, 23.5, 0.0, 0.0, 1.0), ())
 STAMPED = '/stamped/cmd_vel'
 BY_COMMANDS = 'no odometry: the way is that of'
-COLOR, DEPTH = '/cam/color/image_raw', '/cam/depth/camera_info'
-TOLD = 'may be of two cameras'  # as the nodes log it
 ODOMETRY = '/odom', '/other/odom', '/odometry/filtered', '/robot_1/odom', '/robot_2/odom'
 KINDS = dict.fromkeys(ODOMETRY, 'nav_msgs/msg/Odometry') | {
-    COLOR: 'sensor_msgs/msg/Image',
-    DEPTH: 'sensor_msgs/msg/CameraInfo',
     '/robot_1/image_raw': 'sensor_msgs/msg/Image',
     '/robot_1/camera_info': 'sensor_msgs/msg/CameraInfo',
     STAMPED: 'geometry_msgs/msg/TwistStamped',
@@ -37,19 +34,17 @@ SECOND = 10**9
 WAYS = pytest.approx([0.4, 0.6, 0.8, 1.0])
 
 
-def calibrations(*cameras: CameraModel, topic: str = '/camera_info', frame: str = 'c'):
-    told = [write.camera_info(camera, k, frame) for k, camera in enumerate(cameras)]
-    return [(topic, k, bytes(serialize_message(info))) for k, info in enumerate(told)]
+def calibrations(*cameras: CameraModel) -> list[Message]:
+    told = [write.camera_info(camera, k, 'c') for k, camera in enumerate(cameras)]
+    return [('/camera_info', k, bytes(serialize_message(info))) for k, info in enumerate(told)]
 
 
-def views(
-    topic: str = '/image_raw', frame: str = 'c', rows: int = 48, begin_ns: int = SECOND
-) -> list[Message]:
+def views(frame: str = 'c', rows: int = 48, begin_ns: int = SECOND) -> list[Message]:
     rng, messages = np.random.default_rng(1), []
     for k in range(4):
         stamp = begin_ns + k * SECOND // 2
         image = write.image(rng.integers(0, 255, (rows, 64), np.uint8), 'mono8', stamp, frame)
-        messages.append((topic, stamp, bytes(serialize_message(image))))
+        messages.append(('/image_raw', stamp, bytes(serialize_message(image))))
     return messages
 
 
@@ -180,33 +175,9 @@ def test_a_panorama_without_camera_info_has_a_projection(tmp_path: Path, rows: i
         )
 
 
-@pytest.mark.parametrize(
-    ('frames', 'words'),
-    [
-        (('c', 'c'), f'{DEPTH} is taken for {COLOR}, by their frame_id alone'),
-        (('c', ''), f'{COLOR} and {DEPTH} {TOLD}, in two namespaces, and no frame_id tells'),
-        (('', ''), f'{COLOR} and {DEPTH} {TOLD}, in two namespaces, and no frame_id tells'),
-    ],
-)
-def test_the_camera_info_of_another_namespace_is_noted(tmp_path, frames, words) -> None:
-    calibration = calibrations(CAMERA, topic=DEPTH, frame=frames[1])
-    parts = views(COLOR, frames[0]), calibration, odometry('/odom')
-    with Bag(bag_of(tmp_path, *parts)) as bag:
-        assert RecordedWay(bag, {}).notes == [words]
-        assert RecordedWay(bag, {'camera_info': DEPTH}).notes == []
-
-
-def test_the_camera_info_of_another_frame_too_must_be_named(tmp_path: Path) -> None:
-    parts = views(COLOR, 'a'), calibrations(CAMERA, topic=DEPTH, frame='b'), odometry('/odom')
-    with Bag(bag_of(tmp_path, *parts)) as bag:
-        with pytest.raises(InputError, match=f'say which: --topics camera_info={DEPTH}'):
-            RecordedWay(bag, {})
-        assert RecordedWay(bag, {'camera_info': DEPTH}).camera == CAMERA
-
-
 def test_one_beside_its_images_of_another_frame_is_noted_as_by_a_node(tmp_path: Path) -> None:
     with Bag(bag_of(tmp_path, views(frame='a'), calibrations(CAMERA), odometry('/odom'))) as bag:
-        note = f"/image_raw and /camera_info {TOLD}, of the frames 'a' and 'c'"
+        note = "/image_raw and /camera_info may be of two cameras, of the frames 'a' and 'c'"
         assert RecordedWay(bag, {}).notes == [note]
 
 
@@ -247,8 +218,10 @@ def test_a_way_is_written_or_refused_whole(tmp_path, capsys) -> None:
     out = tmp_path / 'out'
     bag = recorded(tmp_path, TAKEN['odometry begins late'][0])
     assert main(['route', 'teach', str(bag), '--out', str(out), '--json', '-']) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result['length_m'] == pytest.approx(1.25, abs=0.01)
+    result, route = json.loads(capsys.readouterr().out), read_route(out)
+    assert result['length_m'] == pytest.approx(1.25, abs=0.01) == route.length
+    assert route.camera == room_drive().camera and route.stations == [0, len(route.views) - 1]
+    assert result['key_views'] == len(route.views)
     assert '15 images are left out' in result['notes'][0] and len(result['notes']) == 2
     bag = recorded(tmp_path / 'other', REFUSED['odometry ends early'][0])
     assert main(['route', 'teach', str(bag), '--out', str(tmp_path / 'none')]) == 2

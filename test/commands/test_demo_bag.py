@@ -42,16 +42,6 @@ def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_pat
     assert main(['replay', str(bag), '--out', str(tmp_path / 'replayed')]) == 0
 
 
-@pytest.mark.long  # a bag of nodes in lockstep is, in test_replay.py
-def test_a_bag_with_images_is_replayed_from_images(tmp_path, capsys) -> None:
-    assert demo(tmp_path, '--bag', 'images') == 1
-    bag = tmp_path / 'out/bag'
-    assert topics(bag) >= {'/image_raw', '/desired/image_raw', '/tracks'}
-    capsys.readouterr()
-    assert main(['replay', str(bag), '--out', str(tmp_path / 'replayed')]) == 0
-    assert 'image' in capsys.readouterr().out
-
-
 def test_a_folder_that_is_no_bag_is_left_alone(tmp_path, capsys) -> None:
     mine = tmp_path / 'out/bag/mine.txt'
     mine.parent.mkdir(parents=True)

@@ -14,7 +14,7 @@ import pytest
 
 from visual_servo_epipolar.commands import simulate
 from visual_servo_epipolar.commands.main import main, terminable, Terminated
-from visual_servo_epipolar.files import write_whole
+from visual_servo_epipolar.files import whole
 
 START = ('--start', '1', '-3', '0')
 
@@ -176,21 +176,16 @@ def test_folders_of_a_file_are_made_and_a_pipe_or_a_link_is_not_replaced(tmp_pat
         os.close(reader)
 
 
-def test_a_file_that_cannot_be_finished_leaves_no_part_of_it(tmp_path, monkeypatch) -> None:
-    def terminated(*_: object) -> None:
-        raise Terminated
-
-    monkeypatch.setattr(Path, 'replace', terminated)
-    with pytest.raises(Terminated):
-        write_whole(tmp_path / 'a.json', b'{}')
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_only_what_this_run_wrote_is_listed(tmp_path, capsys) -> None:
-    (tmp_path / 'old.png').touch()
-    (tmp_path / 'short.yaml').write_text('run: {max_duration: 1.0}')
-    scenario = ('--scenario', str(tmp_path / 'short.yaml'))
-    assert main(['simulate', *START, *scenario, '--out', str(tmp_path)]) == 1
-    assert capsys.readouterr().out.splitlines()[-1] == (
-        f'written to {tmp_path}: result.json, run.json, signals.png, trajectory.png'
-    )
+def test_a_file_is_replaced_when_the_block_ends_and_stays_if_it_raises(tmp_path: Path) -> None:
+    path = tmp_path / 'told.txt'
+    path.write_text('before')
+    with whole(path) as partial:
+        partial.write_text('after')
+        assert path.read_text() == 'before'
+    assert path.read_text() == 'after'
+    assert list(tmp_path.iterdir()) == [path]
+    with pytest.raises(OSError, match='full'), whole(path) as partial:
+        partial.write_text('half')
+        raise OSError('the disk is full')
+    assert path.read_text() == 'after'
+    assert list(tmp_path.iterdir()) == [path]

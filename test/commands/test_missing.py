@@ -63,7 +63,6 @@ def started(
 def without(
     packages: Sequence[str], folder: Path, *words: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command where ``packages`` cannot be imported."""
     return started(folder, BLOCKER.format(packages=packages), *COMMAND[1:], *words)
 
 

@@ -1,7 +1,6 @@
 """The command route: a way is learnt from a bag; the demo says what ground truth says."""
 
 import json
-import math
 from pathlib import Path
 
 from bagmaker import write_bag
@@ -11,16 +10,11 @@ import pytest
 from rclpy.serialization import serialize_message
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.route_folder import read_route
-from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.choices import WAYS
-from visual_servo_epipolar.simulation.routes import route_scenario
 from visual_servo_epipolar.simulation.routes import WAYS as CORNERS
-from visual_servo_epipolar.simulation.scenario import Scenario
-
-STEP, PERIOD_NS = 0.045, 90_000_000
 
 
 def test_ways_have_one_set_of_names() -> None:
@@ -56,26 +50,6 @@ def test_a_projection_stands_for_a_camera_info(tmp_path, capsys, projection, cod
     bag = str(write_bag(tmp_path / 'bag', messages))
     assert main(['route', 'teach', bag, '--projection', projection]) == code
     assert reason in capsys.readouterr().err
-
-
-@pytest.mark.long
-def test_a_route_is_taught_from_a_bag(tmp_path: Path) -> None:
-    scenario = route_scenario(Scenario(), 1)
-    simulator, camera = CameraSimulator(scenario.camera), scenario.camera.nominal_camera
-    messages = [('/camera_info', 0, bytes(serialize_message(write.camera_info(camera, 0, 'c'))))]
-    for k in range(45):
-        stamp, pose = k * PERIOD_NS, Pose(3.0, -6.0 + STEP * k, math.pi / 2.0)
-        image = write.image(simulator.capture(pose, k), 'mono8', stamp, 'c')
-        odometry = write.odometry(pose, STANDSTILL, stamp, 'odom', 'base_link')
-        for topic, message in (('/odom', odometry), ('/image_raw', image)):
-            messages.append((topic, stamp, bytes(serialize_message(message))))
-    bag = write_bag(tmp_path / 'bag', messages, kinds={'/odom': 'nav_msgs/msg/Odometry'})
-    out, result = tmp_path / 'hall', tmp_path / 'result.json'
-    assert main(['route', 'teach', str(bag), '--out', str(out), '--json', str(result)]) == 0
-    route = read_route(out)
-    assert route.length == pytest.approx(44 * STEP, abs=1e-6)
-    assert route.camera == camera and route.stations == [0, len(route.views) - 1]
-    assert json.loads(result.read_text())['key_views'] == len(route.views)
 
 
 @pytest.mark.long

@@ -1,13 +1,11 @@
 """Evaluation joins the command line by name: nothing of it loads before it is called."""
 
-from importlib import import_module
 from pkgutil import resolve_name
 import subprocess
 import sys
 
 import pytest
 
-from visual_servo_epipolar.commands.main import EVALUATION
 from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, FOLDERS
 
 LOADED = """
@@ -22,13 +20,6 @@ print(*[name for name in sys.modules if name.startswith('visual_servo_epipolar.e
 def test_another_command_loads_nothing_of_the_evaluation() -> None:
     ended = subprocess.run([sys.executable, '-c', LOADED], capture_output=True, text=True)
     assert (ended.returncode, ended.stdout.strip()) == (0, ''), ended.stderr
-
-
-@pytest.mark.parametrize('module', [module for _, module in EVALUATION.values()])
-def test_each_of_its_commands_is_a_module_with_options(module: str) -> None:
-    tool = import_module(f'visual_servo_epipolar.evaluation.{module}')
-    assert tool.__doc__
-    assert callable(tool.add_options)
 
 
 @pytest.mark.parametrize('name', BENCHMARKS)

@@ -1,6 +1,5 @@
 """CameraInfo: binned, cropped and rectified images, and every lens that drivers name."""
 
-import cv2
 import numpy as np
 import pytest
 
@@ -122,22 +121,6 @@ def test_what_depth_cameras_say_of_every_lens_is_understood(count) -> None:
     distortion = (0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02, *[0.0] * (count - 8))
     lens = Camera(1280, 720, 700.0, 700.0, 640.0, 360.0, distortion, 'rational_polynomial')
     assert read.camera(info(lens)) == lens
-
-
-def test_rectified_pixels_show_what_raw_ones_do_as_the_rectified_camera_is_turned() -> None:
-    message = info()
-    rotation, _ = cv2.Rodrigues(np.array([0.02, -0.03, 0.01]))
-    message.r = rotation.ravel()
-    message.p = [700.0, 0.0, 620.0, -42.0, 0.0, 705.0, 470.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-    raw = np.random.default_rng(0).uniform(100.0, 800.0, (50, 2))
-    projection = np.array(message.p).reshape(3, 4)[:, :3]
-    rectified = cv2.undistortPoints(
-        raw.reshape(-1, 1, 2), FULL.matrix, np.array(FULL.distortion), R=rotation, P=projection
-    ).reshape(-1, 2)
-    turned = read.camera(message).rays(raw) @ rotation.T
-    # OpenCV stops after five iterations.
-    seen = read.camera(message, rectified=True).rays(rectified)
-    np.testing.assert_allclose(seen, turned, atol=1e-4)
 
 
 def test_rectified_or_not_is_the_same_for_a_lens_that_does_not_distort() -> None:

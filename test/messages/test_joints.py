@@ -21,7 +21,6 @@ from visual_servo_epipolar.messages.joints import (
     read_head_command,
     read_joints,
 )
-from visual_servo_epipolar.simulation.rigs import CameraMount
 
 NAMES = 'pan_joint', 'tilt_joint'
 COMMAND = HeadCommand(0.3, -0.1, 0.5, 0.2)
@@ -66,7 +65,6 @@ def test_a_command_to_others_is_refused() -> None:
         read_head_command(head_command(COMMAND, ('pan_joint', ''), 7, kind='position'), NAMES)
 
 
-BASE = Pose(0.0, 0.0, 0.0)
 angles = st.floats(-math.pi, math.pi)
 
 
@@ -91,21 +89,6 @@ def test_the_quaternion_is_that_of_the_rotation(axis, angle) -> None:
     numbers = message.transform.rotation
     assert math.hypot(numbers.x, numbers.y, numbers.z, numbers.w) == pytest.approx(1.0)
     assert numbers.w >= 0.0
-
-
-@pytest.mark.parametrize('tilt', [0.0, 0.2])
-def test_the_camera_sits_where_it_is_mounted_and_looks_ahead(tilt: float) -> None:
-    mount = CameraMount(height=0.6, forward=0.2, left=-0.1, tilt=tilt)
-    message = transforms.mount_transform(
-        'base_link', 'camera_optical_frame', mount.R_world_camera(BASE), mount.centre(BASE)
-    )
-    frames = message.header.frame_id, message.child_frame_id
-    assert frames == ('base_link', 'camera_optical_frame')
-    np.testing.assert_allclose(origin(message), [0.2, -0.1, 0.6])
-    right, down, ahead = rotation(message).as_matrix().T  # REP 103: x right, y down, z ahead
-    np.testing.assert_allclose(ahead, [math.cos(tilt), 0.0, -math.sin(tilt)], atol=1e-12)
-    np.testing.assert_allclose(right, [0.0, -1.0, 0.0], atol=1e-12)
-    np.testing.assert_allclose(down, np.cross(ahead, right), atol=1e-12)
 
 
 def test_what_stands_on_the_floor_has_its_stamp_and_its_yaw() -> None:

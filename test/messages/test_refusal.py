@@ -16,10 +16,9 @@ from visual_servo_epipolar.core.tracking import photographs
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.core.twoview.observation import observe
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.tracking import track
-from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out
+from visual_servo_epipolar.messages.validation import checked_features, checked_tracks
 
 NAN = math.nan
 INFINITE = (NAN, math.inf, -math.inf)
@@ -140,17 +139,6 @@ def test_tracks_of_others_are_refused_with_the_reason() -> None:
     twice = replace(features(10.0, of_desired=False), ids=[1, 1])
     _, warning = checked_tracks(write.features(twice, 0, 'camera'), CAMERA)
     assert warning.startswith('tracks refused: of 2 ids 1 differ')
-    message = write.features(features(10.0, of_desired=False), 0, 'camera')
-    assert len(checked_tracks(message, CAMERA)[0]) == 2
-    message.fields = []
-    taken, warning = checked_tracks(message, CAMERA)
-    assert len(taken) == 0
-    assert warning.startswith('tracks refused: tracks must have the fields id, u, v')
-
-
-def test_a_lens_that_places_all_features_gives_no_warning() -> None:
-    observation = observe(features(10.0, of_desired=False), CAMERA, 0)
-    assert left_out(observation, CAMERA) == ''
 
 
 def test_photographs_that_a_new_camera_cannot_use_stay_whole(monkeypatch) -> None:

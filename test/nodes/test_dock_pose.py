@@ -2,17 +2,89 @@
 
 import re
 
-from dock_rig import Rig
-from docking_drives import CAMERA, PERIOD_NS, true_dock
+from diagnostic_msgs.msg import DiagnosticArray
+from docking_drives import CAMERA, PERIOD_NS, PERIOD_S, true_dock
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from lifecycles import go
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from visual_servo_epipolar.core.geometry.motion import yaw_from_quaternion
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, write
 from visual_servo_epipolar.nodes.dock_node import DockNode
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.rigs import SimulatedRig
+
+FRAMES = 10
+TWIST = Twist(0.4, 0.05)
+START = Pose.from_start(0.3, -2.0, 4.0)
+
+
+class Rig:
+    """A dock node, and a robot that drives towards the photograph with perfect odometry."""
+
+    def __init__(self, bench, *, calibrated=True, **values) -> None:
+        self.bench = bench
+        self.poses = bench.listen(PoseStamped, 'detected_dock_pose')
+        self.uncertain = bench.listen(
+            PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance'
+        )
+        self._reports = bench.listen(DiagnosticArray, '/diagnostics')
+        self.tracks = bench.talk(PointCloud2, 'tracks')
+        self.odometry = bench.talk(Odometry, 'odom')
+        self.info = bench.talk(CameraInfo, 'camera_info')
+        self.node = bench.start(DockNode, **values)
+        self.world = PointWorld(PointSettings(), SimulatedRig(CAMERA), seed=0)
+        self.pose, self.told, self.frame = START, Pose(5.0, 3.0, 1.0), 0
+        if calibrated:
+            self.calibrate()
+
+    @property
+    def reports(self):
+        """What the dock node reports: a servo does on that topic, too."""
+        return [it for it in self._reports if it.status[0].name == '/dock_node']
+
+    def calibrate(self, camera=CAMERA) -> None:
+        self.info(write.camera_info(camera, 0, 'camera'))
+        self.bench.settle()
+
+    @property
+    def stamp_ns(self) -> int:
+        return (self.frame + 1) * PERIOD_NS
+
+    def tell_odometry(self) -> None:
+        message = write.odometry(self.told, TWIST, self.stamp_ns, 'odom', 'base_link')
+        self.odometry(message)
+
+    def see(self) -> None:
+        features = self.world.observe(self.pose, self.frame)
+        self.tracks(write.features(features, self.stamp_ns, 'camera'))
+
+    def step(self) -> None:
+        """See, hear of it, and drive on."""
+        count = len(self.reports)
+        self.tell_odometry()
+        self.see()
+        self.bench.until(lambda: len(self.reports) > count, 'the tracks to be looked at')
+        self.advance()
+
+    def advance(self) -> None:
+        """Drive on by one frame."""
+        self.frame += 1
+        self.before = self.pose
+        self.pose = integrate(self.pose, TWIST, PERIOD_S)
+        self.told = integrate(self.told, TWIST, PERIOD_S)
+
+    def drive(self, frames=FRAMES):
+        """Drive, and return how many poses were published on the way."""
+        count = len(self.poses)
+        for _ in range(frames):
+            self.step()
+        self.bench.settle()
+        return len(self.poses) - count
 
 
 def planar(message):

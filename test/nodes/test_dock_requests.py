@@ -1,30 +1,132 @@
 """Requests to dock: a servo that is ordered about, and one that drives; failures, cancels."""
 
+import itertools
 import math
 
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from lifecycles import assert_cycles_leave_nothing, assert_gone_at_once, change, go
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
+from rclpy.action import ActionClient
+from std_srvs.srv import Trigger
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
-from dock_requests import Client, SERVED, served, Servo  # noqa: E402
 from docking_drives import true_dock  # noqa: E402
-from fibonacci_wire import BY_POSE  # noqa: E402
 import fuzzing  # noqa: E402
 from servo_rig import NOTHING, PERIOD_NS, Rig  # noqa: E402
+from test_msgs.action import Fibonacci  # noqa: E402
 
-from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
+from visual_servo_epipolar.core.docking.task import Error, Outcome, State  # noqa: E402
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL  # noqa: E402
 from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
-from visual_servo_epipolar.messages import read, write  # noqa: E402
+from visual_servo_epipolar.core.servo.state import ServoState  # noqa: E402
+from visual_servo_epipolar.messages import diagnostics, read, write  # noqa: E402
+from visual_servo_epipolar.nodes.dock_node import DockNode  # noqa: E402
 
 ABORTED, CANCELED = GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED
 DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0])
 GIVEN_UP = (ABORTED, [0, int(Error.UNKNOWN)])
+SERVED = {'serve_action': True}
+BY_POSE = 99  # as order: a request that no photograph can serve
+
+
+class FibonacciWire:
+    """An action in place of DockRobot: feedback is the state, the result success and error."""
+
+    kind = Fibonacci
+
+    def request(self, goal) -> tuple[bool, str]:
+        return goal.order != BY_POSE, ''
+
+    def feedback(self, state: State, seconds: float):
+        assert seconds >= 0.0
+        return Fibonacci.Feedback(sequence=[int(state)])
+
+    def result(self, outcome: Outcome):
+        return Fibonacci.Result(sequence=[int(outcome.success), int(outcome.error)])
+
+
+def served(**options):
+    """Return a dock node that serves the action which is at hand."""
+    return DockNode(FibonacciWire(), **options)
+
+
+class Servo:
+    """What others see of a servo: services that are counted, and the phase that a test says."""
+
+    def __init__(self, bench) -> None:
+        self.bench, self.calls, self.refuses = bench, [], False
+        self.on_start = lambda: None  # before it answers
+        self._say = bench.talk(DiagnosticArray, '/diagnostics')
+        bench.probe.create_service(Trigger, 'servo_node/start', self._serve('start'))
+        bench.probe.create_service(Trigger, 'servo_node/stop', self._serve('stop'))
+
+    def _serve(self, name):
+        def serve(request, response):
+            self.calls.append(name)
+            response.success, response.message = not self.refuses, 'as you say'
+            if name == 'stop':
+                self.say(Phase.WAITING)
+            else:
+                self.on_start()
+            return response
+
+        return serve
+
+    def say(self, *phases, reason='') -> None:
+        for phase in phases:
+            state = ServoState().changed(phase=phase, reason=reason)
+            self._say(diagnostics.diagnosis(state, 1, name='/servo_node'))
+
+    def started(self, count=1) -> None:
+        self.bench.until(lambda: self.calls.count('start') == count, f'start {count}')
+        self.bench.settle()
+
+    def stopped(self, *calls) -> None:
+        self.bench.until(lambda: self.calls[-1:] == ['stop'], 'the servo to be stopped')
+        self.bench.settle()
+        assert not calls or self.calls == list(calls)
+
+
+class Client:
+    """A client of dock_robot."""
+
+    def __init__(self, bench) -> None:
+        self.bench, self.feedback = bench, []
+        self._client = ActionClient(bench.probe, Fibonacci, 'dock_robot')
+
+    def close(self) -> None:
+        self._client.destroy()
+
+    def send(self, order=0):
+        """Send a goal, and wait until it is accepted or refused."""
+        self.bench.until(self._client.server_is_ready, 'the action server')
+        future = self._client.send_goal_async(
+            Fibonacci.Goal(order=order),
+            feedback_callback=lambda item: self.feedback.append(list(item.feedback.sequence)),
+        )
+        self.bench.until(future.done, 'the answer to the goal')
+        return future.result()
+
+    def ask(self, order=0):
+        """Send a goal that must be accepted."""
+        goal = self.send(order)
+        assert goal.accepted
+        return goal, goal.get_result_async()
+
+    def outcome(self, result):
+        self.bench.until(result.done, 'the result')
+        return result.result().status, list(result.result().result.sequence)
+
+    def states(self):
+        return [state for state, _ in itertools.groupby(item[0] for item in self.feedback)]
+
+    def sees(self, state: State) -> None:
+        self.bench.until(lambda: self.states()[-1:] == [state], f'the state {state.name}')
 
 
 @pytest.fixture

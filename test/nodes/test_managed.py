@@ -102,14 +102,6 @@ def words(heard: list[String]) -> list[str]:
     return [message.data for message in heard]
 
 
-def test_a_node_is_active_at_once_unless_its_parameter_leaves_that_to_others(
-    bench, parrot
-) -> None:
-    node = parrot(autostart_node=True)
-    assert (node.state, node.calls) == ('active', ['configure', 'activate'])
-    assert bench.call('parrot/talk').success
-
-
 def test_services_answer_what_to_do_but_for_those_of_every_state(bench, parrot) -> None:
     node = parrot()
     assert (node.state, node.calls) == ('unconfigured', [])

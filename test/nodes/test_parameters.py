@@ -145,8 +145,6 @@ def test_changes_are_taken_together_or_not_at_all_and_logged_with_what_was(bench
 
 
 REFUSED = [
-    ('unicycle_node', {'max_linaer': 0.3}, 'no parameter max_linaer; did you mean max_linear'),
-    ('unicycle_node', {'zzz': 1.0}, 'no parameter zzz; it knows '),
     ('recorder_node', {'topics': ('',)}, "topics must name what to record, got .*; '\\*' is all"),
     (
         'recorder_node',

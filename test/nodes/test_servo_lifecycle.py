@@ -9,7 +9,6 @@ from servo_rig import PERIOD_NS, Rig, tracks
 from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phase import unarmed
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, write
 from visual_servo_epipolar.nodes import qos
@@ -45,16 +44,6 @@ def rig(bench):
     return Led(bench)
 
 
-def test_a_servo_that_is_not_active_commands_nothing(bench) -> None:
-    rig = Led(bench, autostart_node=False)
-    rig.see()
-    go(bench, rig.node, 'configure')
-    rig.see()
-    assert (rig.commands, rig.words) == ([], [])
-    go(bench, rig.node, 'activate')
-    assert rig.drive().words
-
-
 @pytest.mark.parametrize('way', [('deactivate',), ('shutdown',), ('deactivate', 'cleanup')])
 def test_led_away_in_mid_run_it_stops_the_robot_and_is_silent(rig, way) -> None:
     rig.drive()
@@ -87,15 +76,6 @@ def test_a_run_never_goes_on_by_itself(bench) -> None:
     rig.see()
     assert (rig.moving, len(rig.commands), rig.words[-1].data) == (False, told, 'waiting')
     assert bench.call('servo_node/start').success
-    rig.drive()
-
-
-@pytest.mark.parametrize('way', [(), ('cleanup', 'configure')])
-def test_with_autostart_a_new_run_begins(rig, way) -> None:
-    rig.drive()
-    go(rig.bench, rig.node, 'deactivate', *way, 'activate')
-    rig.bench.until(lambda: not rig.moving, 'the zero twist')
-    assert unarmed(rig.words[-1].data) == 'waiting'
     rig.drive()
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
@@ -22,8 +22,8 @@ from servo_rig import (
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
 
@@ -31,16 +31,6 @@ from visual_servo_epipolar.nodes import qos
 @pytest.fixture
 def rig(bench):
     return Rig(bench)
-
-
-def test_it_is_silent_until_it_is_started(bench) -> None:
-    rig = Rig(bench, autostart=ServoSettings().autostart, stale_timeout=60.0)
-    rig.see()
-    assert rig.commands == []
-    bench.until(lambda: bench.logged('stands until /servo_node/start is called'), 'what to do')
-    assert bench.call('servo_node/start').success
-    rig.see()
-    assert len(rig.commands) == 1
 
 
 def test_a_run_that_has_ended_or_was_reset_begins_anew_on_start_alone(bench) -> None:
@@ -112,33 +102,30 @@ def test_tracks_wait_for_the_first_camera_info(bench) -> None:
 
 def test_what_it_says_carries_the_stamp_of_the_tracks(bench) -> None:
     epipoles = bench.listen(JointState, 'epipoles')
-    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     markers = bench.listen(MarkerArray, 'servo_node/markers')
-    phases = bench.listen(String, 'phase')
-    Rig(bench).see()
+    rig = Rig(bench)
+    rig.see()
 
     def of_steps():
-        return [item for item in diagnostics if read.is_of_step(read.diagnosis(item))]
+        return [item for item in rig.reports if read.is_of_step(read.diagnosis(item))]
 
     bench.until(lambda: bool(epipoles and of_steps() and markers), 'its report')
-    # Who listens from the beginning hears the phase before the first image as well.
-    bench.until(lambda: bool(phases) and phases[-1].data != 'armed', 'the phase of the step')
     headers = [epipoles[0].header, of_steps()[0].header]
     headers += [marker.header for marker in markers[0].markers]
     assert {read.stamp_ns(header) for header in headers} == {STAMP_NS}
     assert markers[0].markers[0].header.frame_id == 'camera_optical_frame'
-    assert phases[-1].data == read.diagnosis(of_steps()[0])['phase'] == 'displacing'
+    assert rig.words[-1].data == read.diagnosis(of_steps()[0])['phase'] == 'displacing'
 
 
 def test_epipoles_are_published_as_measured(bench) -> None:
     epipoles = bench.listen(JointState, 'epipoles')
     Rig(bench).see()
     bench.until(lambda: bool(epipoles), 'epipoles')
-    bearings = true_bearings(AWAY)
+    truth = Bearings.from_pose(AWAY)
     telemetry = read.telemetry(epipoles[0])
     # 60 points at 0.2 px from 3.6 m: a tenth of a degree; five times that is no luck.
-    assert telemetry['bearing_current_rad'] == pytest.approx(bearings[0], abs=math.radians(0.5))
-    assert telemetry['bearing_desired_rad'] == pytest.approx(bearings[1], abs=math.radians(1.5))
+    assert telemetry['bearing_current_rad'] == pytest.approx(truth.current, abs=math.radians(0.5))
+    assert telemetry['bearing_desired_rad'] == pytest.approx(truth.desired, abs=math.radians(1.5))
 
 
 def test_the_goal_is_published_in_the_base_as_far_as_its_covariance_says(bench) -> None:
@@ -159,14 +146,6 @@ def test_the_goal_is_published_in_the_base_as_far_as_its_covariance_says(bench) 
     covariance = message.pose.covariance.reshape(6, 6)[:2, :2]
     assert error @ np.linalg.solve(covariance, error) < 3.0**2
     assert np.sqrt(covariance.trace()) < 0.5 * pose.distance  # it is known, not just not wrong
-
-
-def true_bearings(pose):
-    """Return the bearing of each camera's centre in the other image, right positive."""
-    towards_goal = math.atan2(-pose.y, -pose.x)
-    current = pose.theta - towards_goal
-    desired = math.pi / 2 - math.atan2(pose.y, pose.x)
-    return math.remainder(current, 2 * math.pi), math.remainder(desired, 2 * math.pi)
 
 
 def test_a_late_listener_still_hears_the_phase(rig) -> None:

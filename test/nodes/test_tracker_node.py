@@ -4,6 +4,7 @@ import re
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycles import change, entities, go
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
@@ -27,10 +28,6 @@ def attentive(monkeypatch) -> None:
     monkeypatch.setattr(tracker_reports, 'IDLE_PERIOD_S', 0.02)
     monkeypatch.setattr(tracker_reports, 'SILENT_S', 0.2)
     monkeypatch.setattr(tracker_reports, 'PATIENCE_S', 0.2)
-
-
-def now_ns(rig):
-    return int(rig.node.get_clock().now().nanoseconds)
 
 
 @pytest.fixture
@@ -177,13 +174,6 @@ def test_a_file_may_be_given(bench, simulator, photograph, view, tmp_path, monke
     bench.until(lambda: bench.logged(f'desired image is {path}'), 'the file in the log')
 
 
-def test_the_photograph_in_use_is_published_for_late_listeners(rig, photograph) -> None:
-    rig.calibrated().taught(photograph)
-    received = rig.bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
-    rig.bench.until(lambda: bool(received), 'the photograph')
-    np.testing.assert_array_equal(read.gray(received[0]), photograph)
-
-
 def test_the_overlay_is_drawn_for_its_subscribers(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph).track(view)
     overlays = rig.bench.listen(Image, 'overlay/image_raw')
@@ -289,9 +279,6 @@ def test_a_panorama_needs_no_camera_info_and_the_tracker_publishes_it(
     assert len(features) > 8
     np.testing.assert_array_equal(features.ids, expected.ids)
     np.testing.assert_allclose(features.current, expected.current, atol=1e-4)
-    rig.calibrated()  # of another lens
-    for stamp_ns in (8_000_000_000, 9_000_000_000):
-        assert len(rig.track(wide, stamp_ns)) == 0
 
 
 def test_no_panorama_or_another_lens_stop_the_robot(bench, simulator, photograph, view) -> None:
@@ -312,3 +299,110 @@ def test_what_is_assumed_of_a_cut_panorama_is_logged_once(bench) -> None:
         bench.until(lambda number=number: len(clouds) > number, 'tracks')
     bench.until(lambda: bool(bench.logged('with as many rows cut above as below')), 'the note')
     assert len(bench.logged('with as many rows cut above as below')) == 1
+
+
+PERIOD_NS = 90_909_091
+
+
+class Led(Rig):
+    """A tracker that is led about, with a camera in front of it."""
+
+    def __init__(self, bench, simulator, view, **values) -> None:
+        self.view, self.stamp_ns = view, STAMP_NS
+        self.desired = bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
+        super().__init__(bench, simulator, **values)
+
+    def see(self, *, calibrated=True) -> int:
+        """Let an image arrive, and return how many features came of it; -1 if no cloud did."""
+        count = len(self.clouds)
+        if calibrated:
+            self.calibrate(write.camera_info(self.camera, self.stamp_ns, 'camera'))
+            self.bench.settle()
+        self.send(write.image(self.view, 'mono8', self.stamp_ns, 'camera'))
+        self.stamp_ns += PERIOD_NS
+        self.bench.settle()
+        return len(read.features(self.clouds[-1])) if len(self.clouds) > count else -1
+
+
+@pytest.fixture
+def led(bench, simulator, view):
+    return Led(bench, simulator, view)
+
+
+def test_its_last_word_is_an_empty_cloud_which_stops_the_servo(led, photograph) -> None:
+    assert led.taught(photograph).see() > 40
+    go(led.bench, led.node, 'deactivate')
+    led.bench.until(lambda: not len(read.features(led.clouds[-1])), 'an empty cloud')
+    first, last = (read.stamp_ns(cloud.header) for cloud in led.clouds[-2:])
+    assert last > first
+    assert led.clouds[-1].header.frame_id == 'camera'
+    assert led.see() == -1
+
+
+def test_it_keeps_photograph_and_camera_while_inactive_and_then_matches_anew(
+    led, photograph
+) -> None:
+    led.taught(photograph).see()
+    assert led.see() > 40
+    assert read.features(led.clouds[-1]).ages.max() == 1
+    go(led.bench, led.node, 'deactivate', 'activate')
+    assert led.see(calibrated=False) > 40
+    assert read.features(led.clouds[-1]).ages.max() == 0
+
+
+def test_an_image_of_before_is_not_tracked(led, photograph) -> None:
+    assert led.taught(photograph).see(calibrated=False) == -1  # it waits for camera_info
+    go(led.bench, led.node, 'deactivate', 'activate')
+    led.calibrate(write.camera_info(led.camera, led.stamp_ns, 'camera'))
+    led.bench.settle()
+    assert led.clouds == []
+
+
+def test_an_image_of_before_is_no_goal(led, photograph) -> None:
+    led.taught(photograph).see()
+    go(led.bench, led.node, 'deactivate', 'activate')
+    answer = led.bench.call('tracker_node/capture_desired')
+    assert (answer.success, 'no usable image is there' in answer.message) == (False, True)
+
+
+def test_a_photograph_that_comes_while_it_is_inactive_is_taken(led, photograph, view) -> None:
+    led.taught(view)
+    go(led.bench, led.node, 'deactivate')
+    led.teach(write.image(photograph, 'mono8', 0, 'camera'))
+    led.bench.settle()
+    told = len(led.desired)
+    go(led.bench, led.node, 'activate')
+    led.bench.until(lambda: len(led.desired) > told, 'the photograph to be shown')
+    assert (read.gray(led.desired[-1]) == photograph).all()
+
+
+def test_after_a_cleanup_it_asks_anew_for_camera_and_photograph(led, photograph) -> None:
+    led.taught(photograph).see()
+    go(led.bench, led.node, 'deactivate', 'cleanup', 'configure', 'activate')
+    led.bench.until(lambda: led.node.ready, 'the photograph, which is latched')
+    assert led.see(calibrated=False) == -1
+    led.bench.until(lambda: led.bench.logged('no usable camera_info yet'), 'what it waits for')
+    assert led.see() > 40
+
+
+@pytest.mark.parametrize('kept', [True, False])
+def test_a_photograph_outlives_a_cleanup_if_kept(bench, simulator, view, tmp_path, kept) -> None:
+    path = str(tmp_path / 'goal.yaml') if kept else ''
+    led = Led(bench, simulator, view, photograph=path)
+    led.see()
+    assert bench.call('tracker_node/capture_desired').success
+    go(bench, led.node, 'deactivate', 'cleanup', 'configure', 'activate')
+    assert led.node.ready == kept
+    assert (led.see() > 40) == kept
+
+
+def test_a_broken_photograph_leaves_it_unconfigured(bench, simulator, view, tmp_path) -> None:
+    path = tmp_path / 'goal.yaml'
+    led = Led(bench, simulator, view, photograph=str(path), autostart_node=False)
+    before = entities(led.node)
+    path.write_text('no photograph')
+    assert not change(bench, led.node, label='configure')
+    assert (led.node.state, entities(led.node)) == ('unconfigured', before)
+    bench.until(lambda: bench.logged('configure failed: photograph'), 'the reason')
+    path.unlink()
+    assert go(bench, led.node, 'configure', 'activate') == 'active'

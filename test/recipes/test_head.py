@@ -61,8 +61,6 @@ def joints_at(frame: int | None) -> Joints:
 
 
 class SwingingRig(NamedTuple):
-    """The head in the world."""
-
     fixed: SimulatedRig
 
     @property
@@ -78,8 +76,6 @@ class SwingingRig(NamedTuple):
 
 
 class SwingingSettings(CameraSettings):
-    """Camera on a head that swings."""
-
     def rig(self) -> SwingingRig:
         return SwingingRig(SimulatedRig(self.camera, self.mount))
 

@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.laws.registry import GREY, phase_colour
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.run_log import end_s, RunLog, Sample
 from visual_servo_epipolar.report.figures import robust_limit, save, signals, trajectory
 from visual_servo_epipolar.report.run_file import load_run, RunFile, save_run
 from visual_servo_epipolar.report.style import (
@@ -106,6 +106,8 @@ def test_panels_show_the_log(log: RunLog) -> None:
     ):
         expected = list(map(attrgetter(field), log.samples))
         np.testing.assert_array_equal(drawn(figure, label, line), expected, label)
+    dashed = [line for line in figure.axes[1].lines if line.get_linestyle() == '--']
+    assert end_s(log) in [line.get_xdata()[0] for line in dashed]  # where it arrived
 
 
 def test_recorded_commands_stand_behind_those_of_a_replay(log: RunLog) -> None:

@@ -42,6 +42,12 @@ def read_back(path: Path) -> list[tuple[str, int, bytes]]:
         return [(item.topic, stamp_ns, data) for item, stamp_ns, data in reader.messages()]
 
 
+def texts_in(bag: Path, topic: str = '/words') -> list[str]:
+    """Return the texts of one topic in a bag, in their order."""
+    found = [data for name, _, data in read_back(bag) if name == topic]
+    return [STORE.deserialize_cdr(data, TEXT).data for data in found]
+
+
 def size_of(folder: Path) -> int:
     """Return the bytes of all files below ``folder``; who writes may remove one meanwhile."""
     size = 0

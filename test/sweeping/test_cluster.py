@@ -109,15 +109,6 @@ def swept_here(folder: Path) -> dict[Any, Any]:
         return store.results
 
 
-@pytest.mark.long
-def test_a_local_cluster_gives_the_results_of_processes(tmp_path: Path) -> None:
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'
-    ) as local:
-        found = swept_on(local.scheduler_address, tmp_path / 'cluster')
-    assert found == swept_here(tmp_path / 'here')
-
-
 def test_a_real_cluster_gives_the_results_of_processes(tmp_path: Path, real: Cluster) -> None:
     real.worker()
     assert swept_on(real.address, tmp_path / 'cluster') == swept_here(tmp_path / 'here')

@@ -27,18 +27,6 @@ def refused(folder: Path, plan: SweepPlan) -> str:
     return str(error.value)
 
 
-def test_results_are_there_again(tmp_path: Path) -> None:
-    filled(tmp_path / 'new' / 'folder', plan_of(), RESULTS).close()
-    with Store(tmp_path / 'new' / 'folder', plan_of()) as store:
-        assert store.results == {('full', index): RESULTS[index] for index in range(3)}
-
-
-def test_more_runs_may_be_asked_for(tmp_path: Path) -> None:
-    filled(tmp_path, plan_of(runs=3), RESULTS).close()
-    with Store(tmp_path, plan_of(runs=100)) as store:
-        assert len(store.results) == 3
-
-
 def test_a_line_is_on_disk_when_add_returns(tmp_path: Path) -> None:
     store = filled(tmp_path, plan_of(), RESULTS)
     lines = (tmp_path / FILE).read_text().splitlines()
@@ -198,13 +186,6 @@ def test_what_a_run_lacks_is_no_value_and_one_that_raised_is_a_defect(tmp_path: 
     assert document['defects'] == 1
     assert document['max_distance_ratio']['max'] == 1.0
     assert document['wrong_geometry_s']['max'] == 0.5
-
-
-def test_excursion_and_wrong_geometry_are_those_of_all_runs(tmp_path: Path) -> None:
-    lost = {**FAILED, 'max_distance_ratio': 5.0, 'wrong_geometry_s': 30.0}
-    document = summary(tmp_path, [result(), lost])
-    assert (document['excursion']['max'], document['wrong_geometry_s']['max']) == (5.0, 30.0)
-    assert document['max_distance_ratio']['max'] == 1.0
 
 
 def test_only_the_runs_asked_for_are_judged(tmp_path: Path) -> None:

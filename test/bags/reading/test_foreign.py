@@ -45,13 +45,6 @@ def driver(small_run) -> list[Message]:
     return [item for item in small_run if item[0] in DRIVER][:40]
 
 
-def test_driver_and_photograph_give_the_commands(driver, small_run, photograph, tmp_path) -> None:
-    path = write_bag(tmp_path / 'driver', driver)
-    steps = replayed(path, desired=photograph).steps
-    assert twists(steps) == published(small_run)[: len(steps)]
-    assert len(steps) == 20
-
-
 def packed(gray: np.ndarray, stamp_ns: int = 0, suffix: str = '.jpg') -> bytes:
     """Return a serialized CompressedImage."""
     message = CompressedImage(format=f'mono8; {suffix[1:].replace("jpg", "jpeg")} compressed ')

@@ -196,11 +196,6 @@ def test_a_repair_keeps_the_bytes_of_a_broken_bag(kind, whole, tiny, tmp_path, c
             capfd.readouterr()
 
 
-def test_the_whole_bags_are_replayed(whole, capsys) -> None:
-    for name in (item.name for item in whole.iterdir()):
-        assert main(['replay', str(whole / name)]) == 0, capsys.readouterr()
-
-
 def test_time_that_jumps_is_refused_by_name(tiny, tmp_path, capsys) -> None:
     messages = list(tiny)
     number = [n for n, item in enumerate(messages) if item[0] == '/tracks'][1]

@@ -4,96 +4,31 @@ from pathlib import Path
 import re
 import threading
 
-from bag_reading import files_of_at_most, read_back, size_of, STORE, TEXT, until, WORDS, words
+from bag_reading import read_back, recorded, TEXT, until, WORDS, words
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
 
 from visual_servo_epipolar.bags.recording.recorder import Recorder, Topic
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import InputError
 
-LEASE = {'sec': 9223372036, 'nsec': 854775807}
-FOREVER = QosTime(**LEASE)
-ENTRY = {  # the same as metadata.yaml has it
-    'history': 'unknown',
-    'depth': 0,
-    'reliability': 'best_effort',
-    'durability': 'transient_local',
-    'deadline': {**LEASE},
-    'lifespan': {**LEASE},
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': {**LEASE},
-    'avoid_ros_namespace_conventions': False,
-}
-OFFERED = Qos(
-    QosHistory.UNKNOWN,
-    0,
-    QosReliability.BEST_EFFORT,
-    QosDurability.TRANSIENT_LOCAL,
-    FOREVER,
-    FOREVER,
-    QosLiveliness.AUTOMATIC,
-    FOREVER,
-    False,
-)
-
-
-def fill(folder: Path, count: int, size: int = 10, **settings: object) -> list:
-    """Record ``count`` messages a millisecond apart, and return them as they shall be read."""
-    recorder = Recorder(folder, RecordSettings(**settings))
-    recorder.add(WORDS)
-    texts = [words(f'{number:0{size}}') for number in range(count)]
-    sent = [(WORDS.name, number * 1_000_000, data) for number, data in enumerate(texts)]
-    for _, stamp_ns, data in sent:
-        recorder.put(WORDS, stamp_ns, data)
-    status = recorder.close()
-    assert (status.error, status.dropped) == ('', {})
-    assert sum(status.written.values()) == count
-    return sent
-
 
 @pytest.mark.parametrize('compression', ['none', 'zstd'])
 def test_every_message_is_read_back_byte_by_byte(tmp_path, compression) -> None:
-    bag = tmp_path / 'bag'
-    sent = fill(bag, 500, compression=compression)
-    assert read_back(bag) == sent
+    bag, expected = recorded(tmp_path, compression=compression), [f'{k:05000}' for k in range(100)]
+    assert read_back(bag) == [(WORDS.name, k, words(text)) for k, text in enumerate(expected)]
     assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
     with (bag / 'bag_0.mcap').open('rb') as file:  # the official reader of mcap
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         texts = [message.data for *_, message in reader.iter_decoded_messages()]
-    assert texts == [f'{number:010}' for number in range(500)]
-
-
-def test_definition_hash_and_qos_of_each_topic_are_kept(tmp_path) -> None:
-    bag = tmp_path / 'bag'
-    recorder = Recorder(bag, RecordSettings())
-    kind = 'sensor_msgs/msg/PointCloud2'
-    recorder.add(Topic('/tracks', kind, qos=(ENTRY, ENTRY)))
-    recorder.close()
-    for path in (bag, bag / 'bag_0.mcap'):
-        with AnyReader([path]) as reader:
-            (connection,) = reader.connections
-        assert (connection.topic, connection.msgtype, connection.msgcount) == ('/tracks', kind, 0)
-        assert connection.ext.offered_qos_profiles == [OFFERED, OFFERED]
-        assert 'uint8[] data' in connection.msgdef.data
-        assert 'MSG: std_msgs/Header' in connection.msgdef.data
-        assert connection.digest in (STORE.hash_rihs01(kind), '')  # rosbags has it of folders
+    assert texts == expected
 
 
 @pytest.mark.parametrize('sourced', ['', 'kilted'])
 def test_a_bag_names_the_distribution_of_ros(tmp_path, monkeypatch, sourced) -> None:
     monkeypatch.setenv('ROS_DISTRO', sourced)
-    fill(tmp_path / 'bag', 1)
+    recorded(tmp_path)
     for name in ('metadata.yaml', 'bag_0.mcap'):  # a file alone says so as well
         expected = f'ros_distro: {sourced or "jazzy"}'
         assert expected.encode() in (tmp_path / 'bag' / name).read_bytes()
@@ -143,26 +78,6 @@ def test_what_is_taken_up_to_the_end_is_written(tmp_path) -> None:
 def test_where_time_waits_nothing_is_dropped(tmp_path) -> None:
     assert burst(tmp_path / 'bag', 'wait') == (300, 300, 0)
     assert len(read_back(tmp_path / 'bag')) == 300
-
-
-def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path) -> None:
-    bag = tmp_path / 'bag'
-    recorder = Recorder(bag, RecordSettings(flush_period=0.05))
-    recorder.add(WORDS)
-    for number in range(100):
-        recorder.put(WORDS, number, words(f'{number:01000}'))
-    until(lambda: size_of(bag) > 100_000, 'the first messages to be flushed')
-    number = 100
-    with files_of_at_most(3_000_000):
-        while recorder.put(WORDS, number, words(f'{number:01000}')):
-            number += 1
-        status = recorder.close()
-    assert re.fullmatch(r'recording ended: .*; .*/bag so far is whole', status.error)
-    stored = read_back(bag)
-    assert stored == [(WORDS.name, item, words(f'{item:01000}')) for item in range(len(stored))]
-    assert len(stored) == status.written[WORDS.name] >= 100
-    # The last one was refused, and counts among the dropped.
-    assert status.written[WORDS.name] + status.dropped[WORDS.name] == number + 1
 
 
 @pytest.mark.parametrize(

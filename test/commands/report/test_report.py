@@ -37,7 +37,6 @@ addEventListener('load', () => {
 
 @pytest.fixture(scope='module')
 def run_page(tmp_path_factory) -> Path:
-    """Return the report on a simulated run."""
     folder = tmp_path_factory.mktemp('run')
     main(['simulate', '--start', '1', '-3', '0', '--seed', '1', '--out', str(folder / 'run')])
     assert main(['report', str(folder / 'run'), '--out', str(folder / 'page')]) == 0
@@ -51,7 +50,6 @@ def bag(small_run, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope='module')
 def bag_page(bag, tmp_path_factory) -> Path:
-    """Return the report on a recorded run."""
     folder = tmp_path_factory.mktemp('page')
     assert main(['report', str(bag), '--out', str(folder)]) == 0
     return folder / 'report.html'

@@ -1,17 +1,23 @@
-"""Latency over the wire: every image is answered; what processes cost."""
+"""Latency over the wire: every image is answered; what processes cost, and that they end."""
 
+from contextlib import ExitStack, suppress
 import json
+import os
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
+from node_process import environment
 from small_cameras import SMALL
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.evaluation.benchmarks import latency
-from visual_servo_epipolar.evaluation.benchmarks.latency import Answers, driven
+from visual_servo_epipolar.evaluation.benchmarks.latency import Answers, DOMAIN, driven
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
@@ -50,3 +56,41 @@ def test_nodes_answer_and_the_cost_of_each_process_is_counted() -> None:
     for cost in row['processes'].values():
         assert cost['processor_ms'] > 0.0
         assert 0.0 < min(cost['memory_mb'])
+
+
+END_SEC = 8.0
+# Nodes whose session is their own, and who print to where this one prints.
+NODES = """
+from contextlib import ExitStack
+
+from visual_servo_epipolar.commands.main import terminable
+from visual_servo_epipolar.evaluation.benchmarks.latency import start_nodes
+
+with terminable(), ExitStack() as stack:
+    (node,) = start_nodes(stack, {'unicycle_node': ()}).values()
+    print(node.pid, flush=True)
+    node.wait()
+"""
+
+
+def kill(pid: int) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize('number', ['SIGTERM', 'SIGKILL'])
+def test_nodes_end_with_the_process_that_started_them(number: str) -> None:
+    with ExitStack() as stack:
+        process = stack.enter_context(
+            subprocess.Popen(
+                [sys.executable, '-c', NODES],
+                env=environment(DOMAIN),
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        )
+        stack.callback(process.kill)
+        stack.callback(kill, int(process.stdout.readline()))
+        process.send_signal(signal.Signals[number])
+        assert process.communicate(timeout=END_SEC) == (b'', None)  # closed by the node as well

@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.core.laws.steering import polar_pose
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.twoview.observation import Observation
@@ -23,7 +22,6 @@ from visual_servo_epipolar.evaluation.benchmarks import laws
 from visual_servo_epipolar.evaluation.benchmarks.laws import (
     as_step,
     CLOSE,
-    displaced,
     graceful,
     OFF_AXLE,
     polar,
@@ -95,23 +93,6 @@ def test_a_row_counts_what_was_reported_and_what_was_true() -> None:
         'rows': [{'region': 'front', 'law': 'full'} | figures],
     }
     assert 'full' in laws.table(document)
-
-
-def point(pose: Pose) -> tuple[float, float]:
-    """Return the point off the axle, from where it is at the goal."""
-    turned = pose.heading_error
-    return pose.x - OFF_AXLE * math.sin(turned), pose.y + OFF_AXLE * (math.cos(turned) - 1.0)
-
-
-@pytest.mark.parametrize('x', [0.8, -0.8])
-def test_the_desired_epipole_falls_at_once_where_the_current_one_is_zero(x: float) -> None:
-    ahead = OFF_AXLE * math.cos(math.atan2(x, 2.0))
-    pose = Pose.from_start(x, -2.0, math.degrees(math.atan2(x, 2.0 - ahead)))
-    before = polar_pose(*point(pose), pose.heading_error)
-    turned = Pose(pose.x, pose.y, pose.theta + before.delta * -1.0)  # e_au = 0
-    start = polar_pose(*point(turned), turned.heading_error)
-    after = integrate(turned, displaced(turned, SETTINGS), 1e-3)
-    assert abs(polar_pose(*point(after), 0.0).phi) < abs(start.phi) - 1e-6
 
 
 @pytest.mark.parametrize('law', ['graceful', 'displaced'])

@@ -62,23 +62,16 @@ def test_a_size_keeps_the_field_of_view(width: int, height: int) -> None:
     assert (camera.width, camera.height) == (width, height)
 
 
-def test_a_level_camera_arrives_and_is_judged(document: dict[str, Any]) -> None:
-    level = document['rows'][0]
+def test_each_cell_is_judged_by_its_own_runs_and_has_a_line(document: dict[str, Any]) -> None:
+    level, yawed = document['rows']
     assert level['success_rate'] == 1.0
     assert level['arrived_but_wrong'] == 0
     assert level['wrong_geometry_s']['max'] < 1.0
     assert level['excursion']['max'] < 1.2
-
-
-def test_a_row_is_the_summary_of_the_runs_of_its_own_cell(document: dict[str, Any]) -> None:
-    level, yawed = document['rows']
     assert (level['name'], yawed['name']) == ('level', 'yaw +1.5 deg')
     assert level['position_error_m'] != yawed['position_error_m']
     assert all('runs' not in row for row in document['rows'])
     json.dumps(document)
-
-
-def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:
     lines = [line for line in mounts.table(document).splitlines() if line.startswith('|')]
     assert len(lines) == 2 * (2 + 1)
     assert len({line.count('|') for line in lines}) == 1

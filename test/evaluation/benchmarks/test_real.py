@@ -1,11 +1,13 @@
-"""Photographs with truth, and what is believed of them."""
+"""Photographs and recorded ways with truth: what is believed and learnt of them, and found."""
 
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import cv2
 from inspected import CAMERA, SMALL
+import numpy as np
 import pytest
 
 from visual_servo_epipolar.commands.main import main
@@ -14,13 +16,15 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
-PAIRS = Path(__file__).resolve().parents[4] / 'shared' / 'real_pairs'
+SHARED = Path(__file__).resolve().parents[4] / 'shared'
+PAIRS, REAL = SHARED / 'real_pairs', SHARED / 'real_clips'
+DONKEY = Path(__file__).parent / 'donkey'
 POSE = Pose.from_start(0.8, -3.0, 10.0)
 
 
-def bench(folder: Path | str, result: Path) -> tuple[int, list[dict]]:
-    code = main(['bench', 'real', str(folder), '--json', str(result)])
-    return code, json.loads(result.read_text())['real']['pairs'] if result.exists() else []
+def bench(name: str, folder: Path, result: Path) -> dict[str, Any]:
+    assert main(['bench', name, str(folder), '--json', str(result)]) == 0
+    return json.loads(result.read_text())[name]
 
 
 def _wrong(row: dict) -> float:
@@ -41,8 +45,7 @@ def test_a_folder_of_photographs_is_judged_by_its_truth(tmp_path: Path, capsys) 
     }
     files = {'desired': 'goal.png', 'current': 'start.png', 'camera': 'room.yaml'}
     (tmp_path / 'truth.json').write_text(json.dumps([{'name': 'a', **files, 'truth': truth}]))
-    code, (row,) = bench(tmp_path, tmp_path / 'result.json')
-    assert code == 0
+    (row,) = bench('real', tmp_path, tmp_path / 'result.json')['pairs']
     assert (row['trusted'], row['group']) == (True, 'room')
     assert row['error_deg'] < 0.3
     assert row['peers_deg']['MAGSAC'] < 3.0
@@ -75,10 +78,35 @@ def test_a_folder_without_truth_is_bad_input(tmp_path, capsys, name, text, words
 
 @pytest.mark.skipif(not PAIRS.is_dir(), reason=f'{PAIRS.name} of photographs is not there')
 def test_real_photographs_are_believed_where_they_are_right(tmp_path: Path) -> None:
-    code, rows = bench(PAIRS, tmp_path / 'result.json')
-    assert code == 0
+    rows = bench('real', PAIRS, tmp_path / 'result.json')['pairs']
     wrong = [row['name'] for row in rows if row['trusted'] and row['error_deg'] > _wrong(row)]
     assert not wrong
     peers = [(row['peers_deg']['MAGSAC'], row['trusted']) for row in rows]
     right = [trusted for error, trusted in peers if error is not None and error <= 3.0]
     assert sum(right) >= len(right) - 1  # 7 of 8: the eighth has a parallax of 2.3 px
+
+
+def count(document: dict[str, Any], outcome: str) -> int:
+    return sum(it['outcome'] == outcome for way in document['ways'] for it in way['frames'])
+
+
+def test_a_way_of_a_race_car_is_taught_and_its_frames_are_found(tmp_path, capsys) -> None:
+    document = bench('routes', DONKEY, tmp_path / 'result.json')
+    assert document['ways'][0]['taught']
+    assert count(document, 'found') == 6
+    assert not any(row['trusted'] for row in document['bearings'])  # 1 px of parallax
+    printed = capsys.readouterr().out
+    assert 'donkey_route' in printed and 'matches 70 to 120' in printed
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f'{REAL.name} is not there: not to be committed')
+def test_real_ways_are_taught_and_frames_are_found_where_they_were_taken(tmp_path: Path) -> None:
+    document = bench('routes', REAL, tmp_path / 'result.json')
+    assert all(way['taught'] for way in document['ways'])
+    assert count(document, 'found') >= 11 and count(document, 'wrong') == 0
+    assert not any(way['elsewhere']['found'] for way in document['ways'])
+    rows = [it for it in document['bearings'] if it['trusted']]
+    deviations = [(it['error_deg'], it['deviation_deg']) for it in rows]
+    assert np.percentile([error / deviation for error, deviation in deviations], 95) < 3.0
+    pair = next(it for it in document['bearings'] if it['name'] == 'picar_pair_wrong')
+    assert not pair['trusted'] or pair['error_deg'] < 3.0

@@ -155,13 +155,6 @@ def test_a_robot_that_stands_without_a_reason_is_not_safe() -> None:
     assert judge_run(made, BOUNDS).verdict is RunVerdict.UNEXPLAINED
 
 
-def test_a_robot_that_drives_on_when_images_end_is_condemned() -> None:
-    made = record(drive(0.3, 4.0), sight_until_s=1.5)
-    judgement = judge_run(made, BOUNDS)
-    assert judgement.verdict is RunVerdict.BLIND
-    assert judgement.blind_s == pytest.approx(4.0 + 2 * 0.6 - 1.5 - BOUNDS.sight_s, abs=0.15)
-
-
 def test_a_traceback_is_worse_than_all_else() -> None:
     made = record(drive(0.3, 4.0), sight_until_s=1.5)
     made.crashes.append('servo_node: Traceback ... KeyError')

@@ -14,13 +14,11 @@ from visual_servo_epipolar.evaluation.faults import campaign
 from visual_servo_epipolar.evaluation.faults.fault import Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.table import becomes, FAULTS
 from visual_servo_epipolar.evaluation.faults.world import (
-    Envelope,
     open_world,
     small_camera,
     WorldSettings,
 )
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.simulation.bases import Pioneer, PioneerSettings
 
@@ -40,20 +38,6 @@ def near_start(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def images_end(scene: StruckRun) -> None:
     scene.filter('/image_raw', lambda envelope: [], None)
-
-
-def few_tracks(scene: StruckRun) -> None:
-    def leave_eight(envelope: Envelope) -> list[Envelope]:
-        message = envelope.message
-        rows = np.frombuffer(message.data, TRACK_LAYOUT)
-        rows = np.sort(rows, order='id')[:8]  # the same ones, as far as they are in view
-        message.width, message.row_step = len(rows), len(rows) * message.point_step
-        del message.data[:]
-        message.data.frombytes(rows.tobytes())
-        return [envelope]
-
-    scene.filter('/tracks', leave_eight, None)
-    scene.later(4.0, lambda: scene.world.wire.filters['/tracks'].clear())
 
 
 @pytest.fixture(autouse=True)
@@ -85,14 +69,6 @@ def test_a_camera_that_dies_leaves_a_robot_at_rest_with_a_reason() -> None:
     result = driven('end', Fault(what='', strike=images_end))
     assert (result['verdict'], result['safe']) == ('at rest', True)
     assert result['struck_in'] not in ('waiting', 'arrived')
-
-
-@pytest.mark.long
-def test_eight_features_for_four_seconds_are_no_harm() -> None:
-    fault = Fault(what='', strike=few_tracks)
-    result = driven('few', fault)
-    assert (result['verdict'], result['safe']) == ('arrived', True)
-    assert result['blind_s'] == 0.0
 
 
 def test_a_servo_whose_stop_was_removed_moves_without_sight(monkeypatch) -> None:

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.cameras.equirectangular import of_size
 from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.routes.route import Appearance, Bridge, in_memory, Route
-from visual_servo_epipolar.files import COMPLETE, PARTIAL
+from visual_servo_epipolar.files import PARTIAL
 from visual_servo_epipolar.messages.route_folder import check_folder, read_route, write_route
 
 NAMES = 'route.yaml', 'camera.yaml', 'structure.npz', '000001.webp'
@@ -287,19 +287,6 @@ def test_a_panorama_cut_off_its_middle_comes_back(tmp_path: Path) -> None:
     assert read_route(tmp_path / 'cut').camera == panorama
 
 
-def test_a_disk_that_is_full_leaves_the_earlier_route(folder: Path, monkeypatch) -> None:
-    before = {file.name: file.read_bytes() for file in folder.iterdir()}
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, 'No space left on device')
-
-    monkeypatch.setattr(np, 'savez_compressed', full)
-    with pytest.raises(InputError, match='No space left on device'):
-        write_route(routed(0, 1), folder)
-    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
-    assert list(folder.parent.iterdir()) == [folder]
-
-
 WRITERS = check_folder, partial(write_route, routed(0, 1))
 
 
@@ -313,10 +300,3 @@ def test_what_is_no_folder_of_a_route_is_refused(tmp_path: Path, write) -> None:
     with pytest.raises(InputError, match='no folder of a route'):
         read_route(tmp_path)
     assert (tmp_path / 'thesis.tex').read_text() == 'years of work'
-
-
-def test_what_was_complete_when_it_was_killed_is_the_route(folder: Path) -> None:
-    (folder / COMPLETE).mkdir()
-    for name in ('route.yaml', '000001.webp'):
-        (folder / name).rename(folder / COMPLETE / name)
-    assert len(read_route(folder).views) == 3

@@ -1,14 +1,14 @@
-"""The recorder node: what is published lies in the bag, and the robot never waits for it."""
+"""The recorder node: what is published lies in the bag, whatever state the node is led to."""
 
 from functools import partial
 import sys
 
-from bag_reading import files_of_at_most, read_back, size_of
+from bag_reading import files_of_at_most, read_back, size_of, texts_in
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycles import change, entities, go, led
 import pytest
-from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.interfaces import QosDurability, QosReliability, QosTime
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -19,7 +19,7 @@ from visual_servo_epipolar.messages import diagnostics, read, write
 from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.lockstep import ObserverNode, UNFINISHED
-from visual_servo_epipolar.nodes.raw_subscriptions import DEPTH, message_class
+from visual_servo_epipolar.nodes.raw_subscriptions import DEPTH, message_class, RawSubscriptions
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 
@@ -50,12 +50,6 @@ class Recording:
         return sorted(path.name for path in self.bag.parent.iterdir())
 
 
-def recorded_words(folder, topic: str) -> list[str]:
-    """Return the words of one topic in a bag."""
-    found = [data for name, _, data in read_back(folder) if name == topic]
-    return [deserialize_message(data, String).data for data in found]
-
-
 def test_everything_published_is_in_the_bag(bench, tmp_path) -> None:
     say, late = bench.talk(String, 'words'), bench.talk(String, 'state', qos.LATCHED)
     late(write.text('before anybody listened'))
@@ -66,8 +60,8 @@ def test_everything_published_is_in_the_bag(bench, tmp_path) -> None:
     recording.until_written('/words', 50)
     recording.until_written('/state')
     recording.node.stop()
-    assert recorded_words(recording.bag, '/words') == [str(number) for number in range(50)]
-    assert recorded_words(recording.bag, '/state') == ['before anybody listened']
+    assert texts_in(recording.bag) == [str(number) for number in range(50)]
+    assert texts_in(recording.bag, '/state') == ['before anybody listened']
 
 
 def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
@@ -84,7 +78,9 @@ def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
     reliable, best_effort = QosReliability.RELIABLE, QosReliability.BEST_EFFORT
     assert (state.reliability, state.durability) == (reliable, QosDurability.TRANSIENT_LOCAL)
     assert (numbers.reliability, numbers.durability) == (best_effort, QosDurability.VOLATILE)
+    assert state.deadline == state.lifespan == QosTime(sec=9223372036, nsec=854775807)  # for ever
     assert connections['/numbers'].digest == str(type_hash)
+    assert 'MSG: std_msgs/Header' in connections['/numbers'].msgdef.data
 
 
 def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
@@ -107,7 +103,7 @@ def test_a_topic_that_comes_late_is_recorded_from_then_on(bench, tmp_path) -> No
     say(write.text('late'))
     recording.until_written('/words')
     recording.node.stop()
-    assert recorded_words(recording.bag, '/words') == ['late']
+    assert texts_in(recording.bag) == ['late']
 
 
 def test_a_publisher_that_offers_less_is_heard_as_well(bench, tmp_path) -> None:
@@ -119,7 +115,7 @@ def test_a_publisher_that_offers_less_is_heard_as_well(bench, tmp_path) -> None:
     weak.publish(write.text('best effort'))
     recording.until_written('/words')
     recording.node.stop()
-    assert recorded_words(recording.bag, '/words') == ['best effort']
+    assert texts_in(recording.bag) == ['best effort']
 
 
 def test_messages_carry_simulated_time(bench, tmp_path) -> None:
@@ -156,7 +152,7 @@ def test_start_and_stop_make_one_bag_after_the_other(bench, tmp_path) -> None:
         say(write.text('to no bag'))
     assert not bench.call('recorder_node/stop').success
     assert recording.bags() == ['bag', 'bag_1']
-    said = [recorded_words(tmp_path / name, '/words') for name in recording.bags()]
+    said = [texts_in(tmp_path / name) for name in recording.bags()]
     assert said == [['0'], ['1']]
 
 
@@ -180,7 +176,7 @@ def test_a_disk_that_ends_is_one_error(bench, tmp_path) -> None:
     bench.settle()
     assert len(bench.logged('recording ended')) == 1
     assert 'bag so far is whole' in errors()[0]
-    assert recorded_words(recording.bag, '/words') == ['before']
+    assert texts_in(recording.bag) == ['before']
     assert bench.call('recorder_node/start').success  # into the next bag
 
 
@@ -302,3 +298,123 @@ def test_diagnostics_of_others_do_not_pile_up(bench) -> None:
         for message in (foreign, between, DiagnosticArray()):
             listen(message)
     assert observer._pending == {}
+
+
+MANY = 50  # fewer than wait in DDS
+
+
+class Reporter(Recording):
+    """A recorder that is led about, and a publisher of words."""
+
+    def __init__(self, bench, folder, **values) -> None:
+        self.talker = bench.probe.create_publisher(String, 'words', 10 * MANY)
+        super().__init__(bench, folder, topics=('words',), **values)
+
+    def until_heard(self) -> None:
+        self.bench.until(
+            lambda: self.node.ready and self.talker.get_subscription_count() > 0,
+            'words to be recorded',
+        )
+
+    def say(self, words: range) -> list[str]:
+        """Say words; they have arrived at the recorder, which has taken none."""
+        self.bench.executor.remove_node(self.node)
+        texts = [str(word) for word in words]
+        for text in texts:
+            self.talker.publish(write.text(text))
+        self.bench.executor.spin_once(timeout_sec=0.05)
+        self.bench.executor.add_node(self.node)
+        return texts
+
+
+@pytest.mark.parametrize(
+    'ways', [['deactivate'], ['shutdown'], ['deactivate', 'cleanup'], ['destroyed']]
+)
+def test_no_end_loses_what_was_published_before(bench, tmp_path, ways) -> None:
+    reporter = Reporter(bench, tmp_path)
+    reporter.until_heard()
+    texts = reporter.say(range(MANY))
+    for label in ways:
+        if label == 'destroyed':
+            bench.remove(reporter.node)
+        else:
+            assert led(reporter.node, 0, label)
+    assert reporter.bags() == ['bag']  # and by its name, so it is whole
+    assert texts_in(tmp_path / 'bag') == texts
+
+
+def test_an_inactive_recorder_records_nothing_and_says_what_to_do(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path, autostart_node=False)
+    bench.settle()
+    assert reporter.bags() == []
+    go(bench, reporter.node, 'configure')
+    reporter.say(range(MANY))
+    bench.settle()
+    answer = bench.call('recorder_node/start')
+    assert (answer.success, answer.message) == (
+        False,
+        '/recorder_node is inactive; call ros2 lifecycle set /recorder_node activate',
+    )
+    assert reporter.bags() == []
+    assert not any(item.raw for item in reporter.node.subscriptions)
+
+
+def test_each_activation_begins_a_bag(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path)
+    before = entities(reporter.node)['subscriptions']
+    for number in range(3):
+        reporter.until_heard()
+        texts = reporter.say(range(MANY * number, MANY * (number + 1)))
+        go(bench, reporter.node, 'deactivate')
+        assert texts_in(tmp_path / reporter.bags()[-1]) == texts
+        assert entities(reporter.node)['subscriptions'] < before
+        go(bench, reporter.node, *['cleanup', 'configure'][: number % 2 * 2], 'activate')
+    bags = [name for name in reporter.bags() if not name.endswith('_3')]
+    assert bags == ['bag', 'bag_1', 'bag_2']
+
+
+def test_a_recorder_that_waits_for_start_waits_after_each_activation(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path, autostart=False)
+    assert bench.call('recorder_node/start').success
+    go(bench, reporter.node, 'deactivate', 'activate')
+    assert reporter.bags() == ['bag']
+    assert bench.call('recorder_node/stop').message == 'nothing is being recorded'
+
+
+def test_a_bag_that_cannot_be_begun_leaves_the_node_inactive(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path, autostart_node=False)
+    (tmp_path / 'bag').mkdir()
+    go(bench, reporter.node, 'configure')
+    assert not change(bench, reporter.node, label='activate')
+    assert reporter.node.state == 'inactive'
+    bench.until(lambda: bench.logged('bag exists already; name another bag'), 'the reason')
+    (tmp_path / 'bag').rmdir()
+    assert go(bench, reporter.node, 'activate') == 'active'
+
+
+def test_an_activation_that_fails_leaves_a_whole_bag_and_records_anew(
+    bench, tmp_path, monkeypatch
+) -> None:
+    reporter = Reporter(bench, tmp_path, autostart_node=False)
+    go(bench, reporter.node, 'configure')
+    with monkeypatch.context() as patched:
+        patched.setattr(RawSubscriptions, 'discover', lambda _: 1 / 0)
+        assert not change(bench, reporter.node, label='activate')
+    assert (reporter.node.state, reporter.bags()) == ('unconfigured', ['bag'])
+    go(bench, reporter.node, 'configure', 'activate')
+    reporter.until_heard()
+    texts = reporter.say(range(MANY))
+    go(bench, reporter.node, 'deactivate')
+    assert [texts_in(tmp_path / name) for name in reporter.bags()] == [[], texts]
+
+
+def test_the_diagnostics_say_that_nothing_is_recorded_any_more(bench, tmp_path) -> None:
+    heard = bench.listen(DiagnosticArray, '/diagnostics')
+    reporter = Reporter(bench, tmp_path)
+    bench.until(lambda: bool(heard), 'a report')
+    assert read.diagnosis(heard[-1])['recording'] == 'True'
+    go(bench, reporter.node, 'deactivate')
+    bench.until(lambda: read.diagnosis(heard[-1])['recording'] == 'False', 'the last report')
+    told = len(heard)
+    bench.settle()
+    assert len(heard) == told

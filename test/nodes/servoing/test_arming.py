@@ -6,6 +6,7 @@ from sensor_msgs.msg import CameraInfo
 from servo_rig import Rig, some, STAMP_NS
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 
@@ -87,8 +88,10 @@ def test_tracks_that_have_stopped_coming_are_missing(armed) -> None:
 
 
 def test_where_nothing_is_missing_it_drives_by_the_next_image(bench) -> None:
-    rig = Armed(bench)
+    rig = Armed(bench, autostart=ServoSettings().autostart)
     rig.see()
+    assert rig.commands == []
+    bench.until(lambda: bench.logged('stands until /servo_node/start is called'), 'what to do')
     answer = rig.order()
     assert (answer.success, answer.message) == (True, 'started')
     rig.says('armed')

@@ -1,7 +1,8 @@
-"""What a run goes by, camera, lens, photograph: another stops the robot, oddities are logged."""
+"""What a run goes by: another camera or photograph stops the robot, oddities are logged."""
 
 from dataclasses import replace
 
+from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -9,13 +10,15 @@ from servo_rig import CAMERA, IN_VIEW, PERIOD_NS, Rig
 
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.servo.run import Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.telemetry import odometry_of
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import camera_subscriptions, qos
 from visual_servo_epipolar.nodes.driving_inputs import ServoCamera
+from visual_servo_epipolar.nodes.servo_node import MEANWHILE
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -203,3 +206,30 @@ def test_a_run_goes_on_with_its_own_photograph_and_a_new_one_with_another(
         bench.call('servo_node/reset')
     rig.goal = goal
     rig.drive()
+
+
+BEGIN = Pose(4.0, -2.0, 3.1)
+
+
+def test_the_servo_hears_odometry_and_logs_that_none_comes(bench) -> None:
+    tell = bench.talk(Odometry, 'odom')
+    rig = Rig(bench, odometry=True)
+
+    def driven(frame: str) -> Pose | None:
+        """Publish odometry before and after the next image; return what the servo takes of it."""
+        for stamp_ns in (rig.stamp_ns - PERIOD_NS // 2, rig.stamp_ns + PERIOD_NS // 2):
+            tell(write.odometry(BEGIN, STANDSTILL, stamp_ns, frame, 'base_link'))
+        bench.settle()
+        rig.see()
+        return odometry_of(rig.telemetry)
+
+    rig.see()
+    bench.until(lambda: bool(bench.logged('nothing usable came on /odom')), 'the complaint')
+    assert bench.logged('nothing usable came on /odom')[0].endswith(MEANWHILE)
+    assert odometry_of(rig.telemetry) is None
+    pose = driven('odom')
+    assert (pose.x, pose.y, pose.theta) == pytest.approx((BEGIN.x, BEGIN.y, BEGIN.theta))
+    assert driven('map') is None  # two poses are not of one frame
+    words = '/odom is in the frame map, was in odom before; look at what publishes it: /probe'
+    bench.until(lambda: bool(bench.logged(words)), words)
+    assert driven('map') is not None

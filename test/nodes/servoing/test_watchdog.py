@@ -1,30 +1,29 @@
-"""The watchdog: what it means to lose the tracks, and that no run holds for ever."""
+"""The watchdog: what it means to lose the tracks, that no run holds for ever, and why it does."""
 
-from diagnostic_msgs.msg import DiagnosticArray
 from lifecycles import go
 import pytest
 from sensor_msgs.msg import CameraInfo
-from servo_rig import AWAY, GOAL, PERIOD_NS, Rig, STAMP_NS, tracks
+from servo_rig import AWAY, GOAL, PERIOD_NS, Rig, some, STAMP_NS, tracks
 from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import servo_node
+from visual_servo_epipolar.nodes.driving_inputs import NO_CAMERA
 
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
 
-def statuses(heard: list[DiagnosticArray]) -> list[tuple[bytes, str]]:
-    return [(item.status[0].level, item.status[0].message) for item in heard]
+def statuses(rig: Rig) -> list[tuple[bytes, str]]:
+    return [(item.status[0].level, item.status[0].message) for item in rig.reports]
 
 
 def test_tracks_that_stay_away_are_lost(bench) -> None:
     events = bench.listen(String, 'servo_node/events')
-    phases = bench.listen(String, 'phase')
     rig = Rig(bench, stale_timeout=0.2)
     rig.send(tracks())
-    bench.until(lambda: bool(phases) and phases[-1].data == 'holding', 'the robot to hold')
+    bench.until(lambda: rig.words and rig.words[-1].data == 'holding', 'the robot to hold')
     bench.settle()
     assert rig.twist == STANDSTILL
     assert rig.reason.startswith('no new tracks for ')
@@ -48,7 +47,6 @@ def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
 
 @pytest.mark.parametrize('hanging', [False, True], ids=['silent', 'hanging camera'])
 def test_a_run_whose_tracks_never_come_back_fails(bench, hanging) -> None:
-    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=0.1, holding_timeout=0.3)
     rig.send(tracks())
 
@@ -60,7 +58,7 @@ def test_a_run_whose_tracks_never_come_back_fails(bench, hanging) -> None:
     bench.until(failed, 'the run to end')
     reason = rig.reason
     assert reason.startswith('tracks lost or untrusted for 0.3 s: ')
-    bench.until(lambda: (ERROR, f'failed: {reason}') in statuses(diagnostics), 'the verdict')
+    bench.until(lambda: (ERROR, f'failed: {reason}') in statuses(rig), 'the verdict')
     assert rig.twists()[-1] == STANDSTILL
 
 
@@ -85,12 +83,11 @@ def test_a_robot_that_waits_or_has_arrived_is_left_alone_in_silence(bench, phase
 
 def test_each_interruption_is_in_the_diagnostics(bench, clock, monkeypatch) -> None:
     monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
-    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench).drive()
 
     def told(level: bytes, text: str) -> None:
-        bench.until(lambda: any(a == level and text in b for a, b in statuses(diagnostics)), text)
-        diagnostics.clear()
+        bench.until(lambda: any(a == level and text in b for a, b in statuses(rig)), text)
+        rig.reports.clear()
 
     told(OK, 'displacing')
     rig.run.lose('no new tracks for 0.51 s')
@@ -108,24 +105,22 @@ def test_each_interruption_is_in_the_diagnostics(bench, clock, monkeypatch) -> N
 
 def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> None:
     monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 0.05)
-    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=0.1)
     text = 'armed, will drive once this is resolved: no tracks have come yet'
     bench.until(
-        lambda: [a for a, b in statuses(diagnostics) if text in b][:3] == [WARN] * 3, 'its reports'
+        lambda: [a for a, b in statuses(rig) if text in b][:3] == [WARN] * 3, 'its reports'
     )
-    assert not any(read.is_of_step(read.diagnosis(item)) for item in diagnostics)
+    assert not any(read.is_of_step(read.diagnosis(item)) for item in rig.reports)
     assert rig.commands == []
 
 
 def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
-    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench).drive()
-    bench.until(lambda: bool(diagnostics), 'diagnostics')
-    diagnostics.clear()
+    bench.until(lambda: bool(rig.reports), 'diagnostics')
+    rig.reports.clear()
     rig.idle()
     bench.settle()
-    assert diagnostics == []
+    assert rig.reports == []
 
 
 TIMEOUT_S = 0.5
@@ -237,3 +232,47 @@ def test_after_a_hold_the_robot_goes_on_by_itself_or_by_a_start(
         assert (answer.success, answer.message) == (True, 'started')
         rig.see()
         assert rig.twist != STANDSTILL
+
+
+def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) -> None:
+    rig = Rig(bench, calibrated=False, stale_timeout=0.1)
+    bench.pass_time(0.15)
+    rig.run.report()
+    assert rig.reason == f'will drive once this is resolved: {NO_CAMERA}'
+    assert rig.phase == 'waiting'
+
+
+def test_a_robot_that_holds_stands_for_the_latest_reason(bench, clock) -> None:
+    rig = Rig(bench).drive()
+    rig.run.refuse('an image of last year')
+    rig.run.trouble = 'an image of this year'
+    assert (rig.phase, rig.reason) == ('holding', 'an image of last year')
+    rig.run.report()
+    assert rig.reason == 'an image of this year'
+
+
+@pytest.mark.parametrize(
+    ('refused', 'seconds', 'reason'),
+    [(True, 0.4, 'an image of last year, 0.4 s ago'), (False, 4.9, 'no tracks for 4.9 s')],
+)
+def test_a_run_fails_for_the_latest_reason_with_its_age(
+    bench, clock, refused, seconds, reason
+) -> None:
+    rig = Rig(bench).drive()
+    rig.run.lose('no new tracks for 0.51 s')
+    if refused:
+        rig.run.refuse('an image of last year')
+    clock.go_on(seconds)
+    rig.run.time_out(5.0)
+    assert rig.reason == f'tracks lost or untrusted for 5 s: {reason}'
+
+
+@pytest.mark.parametrize('count', [3, 0], ids=['few', 'none'])
+def test_a_hold_that_images_end_has_the_reason_of_the_last_of_them(bench, count) -> None:
+    rig = Rig(bench, holding_timeout=1.0).drive()
+    rig.run.lose('no new tracks for 0.51 s')
+    rig.goal = 1
+    while rig.phase == 'holding':
+        rig.show(some(count))
+    text = f'tracks lost or untrusted for 1 s: {count} features, 12 needed, 0.0 s ago'
+    assert (rig.phase, rig.reason) == ('failed', text)

@@ -192,20 +192,18 @@ def changed(key, value):
             (without('photograph'), 'photograph must be a name, got None'),
             (without('stamp_ns'), 'stamp_ns must be a whole number'),
             (without('goal'), 'is another one'),
-            (changed('photograph', None), 'photograph must be a name, got None'),
             (changed('photograph', [1]), 'photograph must be a name, got [1]'),
             *(
                 (changed('stamp_ns', value), 'stamp_ns must be a whole number from 0 to ')
-                for value in (None, 'now', True, [], {}, -1, 10**30, float('inf'), float('nan'))
+                for value in ('now', True, [], {}, -1, 10**30, float('inf'), float('nan'))
             ),
-            (changed('goal', None), 'is another one'),
             (
                 changed('camera_matrix', None),
                 'camera_matrix must be a list of 9 numbers, finite and below 1e+09, got None',
             ),
             (changed('image_width', None), 'image_width must be a whole number'),
         ],
-        keep=(0, 1, 2, 3, 7, 9, 13, 22),
+        keep=(0, 1, 2, 3, 7, 9, 12, 20),
     ),
 )
 def test_a_broken_one_is_one_line(simulator, tmp_path, damage, reason) -> None:
