@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.rigs.rig import Command
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.timing import phase_timeout
+from visual_servo_epipolar.core.servo.supervisor import phase_timeout
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 PERIOD = 0.1

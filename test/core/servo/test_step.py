@@ -22,8 +22,7 @@ from visual_servo_epipolar.core.servo import supervisor as servo_step
 from visual_servo_epipolar.core.servo.run import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.supervisor import nominal_twist
-from visual_servo_epipolar.core.servo.timing import phase_timeout
+from visual_servo_epipolar.core.servo.supervisor import nominal_twist, phase_timeout
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.perceive import Perception

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
+from visual_servo_epipolar.core.arrays import ROUNDING
 from visual_servo_epipolar.core.geometry.motion import Twist
-
-ROUNDING = 1e-15  # of a command within its limits
 
 
 @dataclass(frozen=True, slots=True)

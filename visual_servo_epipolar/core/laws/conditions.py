@@ -25,7 +25,6 @@ from visual_servo_epipolar.core.odometry.legs import (
 )
 from visual_servo_epipolar.core.reasons import Reason
 
-TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
 KNOWN = 0.009  # deviation of its bearing from there [rad]
 RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
@@ -34,7 +33,6 @@ LAST_TURN = 0.05  # that it may take [rad]
 MOST_TURNED = 0.35  # heading error to begin with [rad]
 # Of ways, over the bound of the distance; of laws without retreat, over what others drive back.
 MARGIN = 1.5
-MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 CORRECTION = 0.1  # backward, of a robot that never backs off [m]
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 
@@ -117,8 +115,12 @@ def sees_too_little(goal: GoalEstimate, settings: DriveSettings) -> bool:
 
 
 def turned_by_far(heading: float, trusted: float) -> bool:
-    """Return whether a ``heading`` is not the last ``trusted`` one, by far [rad]."""
-    return abs(math.remainder(heading - trusted, 2.0 * math.pi)) > TURNED
+    """
+    Return whether a ``heading`` is not the last ``trusted`` one, by far [rad].
+
+    No robot turns by a radian between two images, or while it stands.
+    """
+    return abs(math.remainder(heading - trusted, 2.0 * math.pi)) > 1.0
 
 
 def begun_step_1(goal: GoalEstimate, settings: DriveSettings, event: Event) -> Event:
@@ -236,5 +238,5 @@ def _excursion(goal: GoalEstimate, memory: Memory) -> float:
         return 1.0
     x = distance * math.cos(bearings.psi) - leg.x
     y = distance * math.sin(bearings.psi) - leg.y
-    backward = min(max(-leg.travel, 0.0), MOST_BACKWARD)
+    backward = min(max(-leg.travel, 0.0), 1.0)
     return (distance - backward) / max(math.hypot(x, y), LEAST_FIRST)

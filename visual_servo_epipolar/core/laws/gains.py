@@ -20,7 +20,6 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.laws.circumstances import Circumstances
 
 CRITICAL_GAIN_DELAY = 1.0 / math.e  # gain times delay at which an integrator is critically damped
-DISCORDANT_DECAY = 1.0  # k1 t_max of discordant epipoles: e_au keeps 1/e of where it began
 RATIOS = 9  # values of d_hat_0 / d_0, of which one gives the longest path
 STEPS = 100  # of the integration over e_du, or over the distance
 LAST_DISTANCE = 1e-3  # distance at which step 2 is at the goal [m]
@@ -121,7 +120,7 @@ def largest_ratio(circumstances: Circumstances) -> float:
         return circumstances.ratio
     alpha, chi = circumstances.current, circumstances.desired
     sine_growth = math.sin(alpha + chi) / math.sin(alpha)
-    return circumstances.ratio * math.exp(DISCORDANT_DECAY) * sine_growth
+    return circumstances.ratio * math.e * sine_growth
 
 
 def convergence_gain(circumstances: Circumstances, *, exponent: float) -> float:
@@ -161,11 +160,11 @@ def largest_decay(circumstances: Circumstances) -> float:
         ln(|alpha_0| / (alpha_m + (1 - 1/r_0) |chi_0|))    from (14) and (15) for any r_0;
 
     so k1 must be small *against* k2, and k2 large, not small. Discordant epipoles are pushed
-    outwards and need no bound; DISCORDANT_DECAY keeps the robot from coming too near the goal.
+    outwards and need no bound; e_au keeps 1/e of where it began, lest the robot come too near.
     Raises ValueError if both are negative: no gain is legal.
     """
     if not circumstances.concordant:
-        return DISCORDANT_DECAY
+        return 1.0
     alpha, ratio = circumstances.current, circumstances.ratio
     floor = least_bearing(circumstances)
     by_reserve = ratio * math.sin(floor)

@@ -197,38 +197,30 @@ def back_off(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Twi
     """
     if settings.max_retreat == 0.0:
         return STANDSTILL
-    sight, bearings = seen_from(goal, settings), goal.bearings
-    turn, speed = 0.0, settings.retreat_speed
-    pose = (
-        None
-        if sight is None
-        else steering.polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
-    )
-    behind = sight is not None and abs(math.atan2(sight.x, -sight.y)) <= settings.sideways_bearing
-    if (
-        pose is not None
-        and not behind
-        and steering.goes_around_in_view(pose, goal, settings, least=0.0, aside=BACKING)
-    ):
-        twist = _around_in_view(pose, speed, goal, settings)
-        return Twist(-twist.linear, twist.angular)
-    if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
-        kappa = _visible_curvature(pose, goal)
-        speed = min(speed, _steerable(kappa, settings))
-        turn = kappa * speed
-    else:
-        wanted = 0.0
-        if bearings is not None:
-            pose = steering.polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), 0.0)
-            beyond = (abs(pose.phi) - settings.retreat_bearing) / TURNING_BEARING
-            wanted = math.copysign(MOST_ASIDE * min(max(beyond, 0.0), 1.0), pose.phi)
-        left, right = goal.view_margins
-        angle = wanted - goal.heading_error
-        angle = min(max(angle, steering.RESERVE - right), left - steering.RESERVE)
-        turn = angle / TURN_S
-        if turns_in_place(settings.drive):
-            speed *= max(1.0 - abs(angle), 0.0)
-    return Twist(-speed, _within_view(turn, goal, settings))
+    sight, speed = seen_from(goal, settings), settings.retreat_speed
+    if sight is not None:
+        pose = steering.polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
+        behind = abs(math.atan2(sight.x, -sight.y)) <= settings.sideways_bearing
+        if not behind and steering.goes_around_in_view(
+            pose, goal, settings, least=0.0, aside=BACKING
+        ):
+            twist = _around_in_view(pose, speed, goal, settings)
+            return Twist(-twist.linear, twist.angular)
+        if max(abs(pose.delta), abs(pose.phi)) < BACKING:
+            kappa = _visible_curvature(pose, goal)
+            speed = min(speed, _steerable(kappa, settings))
+            return Twist(-speed, _within_view(kappa * speed, goal, settings))
+    wanted, bearings = 0.0, goal.bearings
+    if bearings is not None:
+        pose = steering.polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), 0.0)
+        beyond = (abs(pose.phi) - settings.retreat_bearing) / TURNING_BEARING
+        wanted = math.copysign(MOST_ASIDE * min(max(beyond, 0.0), 1.0), pose.phi)
+    left, right = goal.view_margins
+    angle = wanted - goal.heading_error
+    angle = min(max(angle, steering.RESERVE - right), left - steering.RESERVE)
+    if turns_in_place(settings.drive):
+        speed *= max(1.0 - abs(angle), 0.0)
+    return Twist(-speed, _within_view(angle / TURN_S, goal, settings))
 
 
 def _steerable(kappa: float, settings: DriveSettings) -> float:

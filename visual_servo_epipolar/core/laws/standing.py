@@ -19,11 +19,8 @@ from visual_servo_epipolar.core.laws.machine import PhaseRow
 from visual_servo_epipolar.core.laws.memory import Memory
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 
-# In a row that must be trusted before the robot moves again; where it appears to have turned
-# meanwhile, somebody must have turned it.
-RESUMING_FRAMES, TURNED_FRAMES = 3, 15
+RESUMING_FRAMES = 3  # in a row that must be trusted before the robot moves again
 LEG, SWINGS = 0.3, (0.0, 0.3, -0.3)  # way of a leg [m], and how far aside each leads [rad]
-MOST_PROBES = 3  # in an attempt
 
 
 def survey(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
@@ -48,7 +45,9 @@ def _resume(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Even
     """Return the event of a survey, after enough images in a row that can be trusted."""
     # Where images are false, a single one may look right.
     turned = conditions.turned_by_far(goal.heading_error, goal.trusted_heading)
-    if memory.settling.settled < (TURNED_FRAMES if turned else RESUMING_FRAMES):
+    # Of a robot that appears to have turned meanwhile, somebody must have turned it.
+    times = settings.arrival_frames if turned else 1
+    if memory.settling.settled < times * RESUMING_FRAMES:
         return Event.NOTHING
     return survey(goal, memory, settings)
 
@@ -141,7 +140,7 @@ RETREATING = PhaseRow(
 
 def begun_probe(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> Event:
     """Return the event that begins a probe where ``goal`` has rivals: LOST if none may."""
-    if not settings.remembers or memory.run.restarts >= MOST_PROBES:
+    if not settings.remembers or memory.run.restarts >= len(SWINGS):
         return Event.LOST
     if _leads_ahead(goal, settings):
         return Event.AMBIGUOUS

@@ -43,12 +43,12 @@ from visual_servo_epipolar.core.mapping.window import (
     VIEW,
 )
 from visual_servo_epipolar.core.twoview.estimator import Attitude, LEAST_JITTER
+from visual_servo_epipolar.core.twoview.hypotheses import SEPARATION
 
 STEPS, LAST_STEPS, ROUNDS = 2, 30, 6
 ALMOST = 1.5  # times the usual squares: converged but for rounding
 MOST_NOISE = 2.0  # of residuals over the noise that is expected: else it is the wrong geometry
 LIKELY = 4.0  # of cost, by which the likelier of two geometries must fit better
-ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
 LEAST_AGREEING = 0.5  # of the trusted features in a view, or of the map's
 LEAST_TRUSTED = 0.35  # of the features
@@ -132,7 +132,7 @@ def is_rival(best: Geometry, other: Geometry, margin: float = CONTRADICTING) -> 
         return False
     first, second = (it.unknowns.views[-1, :2] for it in (best, other))
     angle = np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second)
-    return bool(abs(angle) > ALIKE)
+    return bool(abs(angle) > SEPARATION)
 
 
 def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:

@@ -4,6 +4,10 @@ Supervisor: what a run decides by each image.
 The image is perceived (estimated, validated, measured: ``perception.perceive``) and updates the
 state (``estimator``). The measurement becomes an event, the event a phase by the law's machine,
 and the phase a nominal velocity, which is then limited to what the base can follow.
+
+The clock of the stamps is not ours: it may be set while the robot drives. Where it leaps, the
+stamps at which phase and run began are moved along, so that limits count the time that passed, one
+usual period, and go on by the new clock.
 """
 
 from dataclasses import replace
@@ -24,17 +28,22 @@ from visual_servo_epipolar.core.laws.prediction import predicted
 from visual_servo_epipolar.core.laws.standing import classify_probe, is_probing, probe
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.rigs.rig import Command, Gaze, HeadCommand
-from visual_servo_epipolar.core.servo import timing
 from visual_servo_epipolar.core.servo.checking import check_lens, check_motion
 from visual_servo_epipolar.core.servo.estimator import estimate, update_map
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import pulsed_move, row_of, settle
 from visual_servo_epipolar.core.servo.state import ServoState, ViewState
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import (
+    MOST_GAP_S,
+    NANOSECONDS,
+    NOT_ADVANCING,
+    seconds_between,
+)
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.observation import Observation
 from visual_servo_epipolar.core.twoview.perceive import perceive, Perception
 
+HALF_TURNS = 3.0  # at full speed, that no turn in place takes
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 
 
@@ -43,7 +52,7 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     goal, phase = state.settling.rest or state.measurement, state.phase
     if goal is None or phase.ended:
         return Event.NOTHING
-    if timing.has_timed_out(state, goal, settings):
+    if has_timed_out(state, goal, settings):
         return Event.TIMED_OUT
     if state.check.trouble:  # motion contradicts the commands: hold, or end where it recurs
         held = Event.LOST if phase.drives else Event.NOTHING
@@ -173,7 +182,7 @@ def _reason(state: ServoState, goal: GoalEstimate, event: Event, settings: Servo
 
 def _too_long(state: ServoState, settings: ServoSettings) -> str:
     """Return in words that the phase takes longer than it may, and why."""
-    most = timing.phase_timeout(state.phase, settings)
+    most = phase_timeout(state.phase, settings)
     because = f': {state.run.warning}' if state.run.warning else ''
     if most < settings.phase_timeout:
         because = Reason.SWINGS.of()
@@ -236,10 +245,10 @@ def advance(
     """Return the state after a ``perception``: the part of ``decide`` that needs no features."""
     last_twist, measurement = state.twist, perception.measurement
     usual_s = usual_step(state.view.period)
-    leapt = timing.clock_jump(state, measurement.stamp_ns, settings)
-    dt = 0.0 if leapt else timing.time_step(state, measurement.stamp_ns)
+    leapt = clock_jump(state, measurement.stamp_ns, settings)
+    dt = 0.0 if leapt else time_step(state, measurement.stamp_ns)
     if leapt:
-        state = timing.after_clock_jump(state, measurement.stamp_ns)
+        state = after_clock_jump(state, measurement.stamp_ns)
     settings = state.identified.effective(settings)
     state = state.changed(sent=state.motion.sent.resumed(measurement.stamp_ns))
     state = update(state, perception, dt, settings)
@@ -312,3 +321,63 @@ def _beyond_dead_band(
     if mode == 'pulse' and (move := pulsed_move(limited, state, settings)):
         return move
     return settings.drive.beyond_dead_band(limited, state.dead_band_residual, mode=mode)
+
+
+def time_step(state: ServoState, stamp_ns: int) -> float:
+    """Return the time from the last image to ``stamp_ns`` to integrate over [s]."""
+    if state.measurement is None:
+        return 0.0
+    return min(max(seconds_between(state.measurement.stamp_ns, stamp_ns), 0.0), MOST_GAP_S)
+
+
+def clock_jump(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
+    """
+    Return in words how the stamps leap to ``stamp_ns`` from the last image; empty if they do not.
+
+    They must advance. A driving robot has an image before the last is stale; a standing one may
+    have waited for as long as the stamps say.
+    """
+    if state.measurement is None:
+        return ''
+    gap = seconds_between(state.measurement.stamp_ns, stamp_ns)
+    if gap <= 0.0:
+        return NOT_ADVANCING
+    if not state.phase.drives or gap <= max(settings.stale_timeout, MOST_GAP_S):
+        return ''
+    return Reason.STAMPS_LEAPT.of(gap)
+
+
+def after_clock_jump(state: ServoState, stamp_ns: int) -> ServoState:
+    """Return ``state`` by the clock that leapt to ``stamp_ns``: one usual period has passed."""
+    if state.measurement is None:
+        return state
+    passed_ns = round(usual_step(state.view.period) * NANOSECONDS)
+    leap_ns = stamp_ns - state.measurement.stamp_ns - passed_ns
+    return state.changed(
+        phase_start_ns=state.run.phase_start_ns + leap_ns,
+        run_start_ns=state.run.run_start_ns + leap_ns,
+    )
+
+
+def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the run or the phase has lasted too long; waiting may last for ever."""
+    if not state.phase.runs:
+        return False
+    holding = state.phase is Phase.HOLDING
+    run_time = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
+    phase_time = seconds_between(state.run.phase_start_ns, measurement.stamp_ns)
+    timeout = settings.holding_timeout if holding else phase_timeout(state.phase, settings)
+    return run_time > settings.run_timeout or phase_time > timeout
+
+
+def phase_timeout(phase: Phase, settings: ServoSettings) -> float:
+    """
+    Return how long a ``phase`` may last [s]: a turn in place that brakes as long as some turns.
+
+    One that takes longer swings about its aim: it looks larger than it is.
+    """
+    if phase is not Phase.DISPLACING or not settings.options.speed_ramps:
+        return settings.phase_timeout
+    slowest = settings.max_speed_ratio * settings.max_angular
+    half_turn = math.pi / slowest + slowest / settings.max_angular_acceleration
+    return min(settings.phase_timeout, HALF_TURNS * half_turn)

@@ -38,6 +38,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     Matches,
     warps_of,
 )
+from visual_servo_epipolar.core.tracking.reacquisition import NOISE_DEVIATIONS
 from visual_servo_epipolar.core.tracking.robust_geometry import EPIPOLAR_PX
 from visual_servo_epipolar.core.tracking.sampling import float_image, inside_border
 from visual_servo_epipolar.core.tracking.tracks import (
@@ -61,7 +62,6 @@ MAX_SHIFT, MAX_PARALLAX = 0.04, 0.0015
 ONE_PLACE = 0.00015  # parallax within a millimetre or two: features move smoothly
 NEAR_PX = 8.0  # distance from a feature within which others move as it does
 REMEDY = 'take it where the first one was taken, best when the robot has arrived there'
-STILL_DEVIATIONS = 3.0  # at which a motion is none of noise
 SAMPLES = 20_000  # pixels of a difference that are looked at
 CHANGED_DEVIATIONS, CHANGED_FLOOR = 6.0, 10.0  # of a pixel that has changed, plus grey levels
 CHANGED_SHARE = 0.03  # of such pixels at which something moves in view
@@ -380,7 +380,7 @@ def unrest(first: Image, second: Image) -> str:
     errors = noise * np.sqrt(np.diag(fit.covariance())) / scale
     motion = _at_border((fit.solution / scale)[:MOTIONS])
     # At the border of the image, that blurs less than tracking errs.
-    if motion > ROUND_TRIP_PX + STILL_DEVIATIONS * _at_border(errors[:MOTIONS]):
+    if motion > ROUND_TRIP_PX + NOISE_DEVIATIONS * _at_border(errors[:MOTIONS]):
         return f'the view moves by {motion:.2g} px'
     share = float((residual > CHANGED_DEVIATIONS * noise + CHANGED_FLOOR).mean())
     return f'{share:.1%} of the view changes' if share > CHANGED_SHARE else ''

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.tracking.warps import Warps
 
 MAX_UNSEEN = 40  # frames for which a prediction is followed
 OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
-RADIUS_DEVIATIONS = 3.0  # search radius, in deviations of the neighbours from their affine map
+NOISE_DEVIATIONS = 3.0  # that noise hardly reaches: of a search, or of a motion
 SEARCH_RANGE = (4.0, 24.0)  # smallest and largest search radius [px]
 DISTANCE_FLOOR = 100.0  # squared distance at which a neighbour's weight levels off [px^2]
 MIN_PEAK = 0.8  # correlation of a match
@@ -119,7 +119,7 @@ def predict(desired: FloatArray, tracked: Warps, canvas: Canvas = PLANE) -> Pred
     current = canvas.beside(current, current[0])
     solution = np.linalg.lstsq(rows, current, rcond=None)[0]
     scatter = np.sqrt(((rows @ solution - current) ** 2).sum(axis=1).mean())
-    radius = RADIUS_DEVIATIONS * float(scatter) + SEARCH_RANGE[0]
+    radius = NOISE_DEVIATIONS * float(scatter) + SEARCH_RANGE[0]
     if radius > SEARCH_RANGE[1]:
         return None
     weight = 1.0 / (squared[near] + DISTANCE_FLOOR)
