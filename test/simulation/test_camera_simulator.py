@@ -143,15 +143,11 @@ def view(level: float) -> tuple[np.ndarray, Light]:
     return SCENE, replace(LIGHTS['ceiling'], level=level)
 
 
-def test_a_fixed_exposure_leaves_the_usual_light_alone() -> None:
-    taken, gain = Exposure(LightSettings()).take(*view(1.0))
-    assert taken is SCENE
+@pytest.mark.parametrize(('level', 'rounding'), [(1.0, 0.0), (0.5, 1.0)])
+def test_a_fixed_exposure_takes_the_light_as_it_is(level: float, rounding: float) -> None:
+    taken, gain = Exposure(LightSettings()).take(*view(level))
+    np.testing.assert_allclose(taken / level, SCENE, atol=rounding)
     assert gain == 1.0
-
-
-def test_half_of_the_light_is_the_same_image_half_as_bright() -> None:
-    half, _ = Exposure(LightSettings()).take(*view(0.5))
-    np.testing.assert_allclose(2.0 * half, SCENE, atol=1.0)
 
 
 @pytest.mark.parametrize('light', [0.3, 0.6, 1.0, 2.0])
@@ -186,14 +182,6 @@ def test_noise_grows_with_the_gain() -> None:
         return float((one - other).std())
 
     assert noise('dark') / noise('ceiling') == pytest.approx(4.0, rel=0.15)
-
-
-def test_equal_inputs_give_equal_images() -> None:
-    one, other = (CameraSimulator(CAMERA, None, AUTO) for _ in range(2))
-    one.photograph()
-    for frame in range(3):
-        images = [each.capture(DESIRED_POSE, frame) for each in (one, other)]
-        np.testing.assert_array_equal(*images)
 
 
 def test_a_window_stays_white_in_a_short_exposure() -> None:

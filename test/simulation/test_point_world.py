@@ -28,18 +28,7 @@ from visual_servo_epipolar.simulation.sensor import CameraMotion, Shutter
 from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)
-FLOOR = Scene(
-    (
-        Surface(
-            'floor',
-            ROOM,
-            np.array([-5.0, 9.0, 0.0]),
-            np.array([10.0, 0.0, 0.0]),
-            np.array([0.0, -20.0, 0.0]),
-            Texture(np.zeros((4, 4), np.uint8)),
-        ),
-    )
-)
+TILE = Surface('tile', ROOM, np.zeros(3), *np.eye(3)[:2], Texture(np.zeros((4, 4), np.uint8)))
 BEHIND = Pose(1.0, -3.0, HALF_PI)
 
 
@@ -128,7 +117,7 @@ def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int)
     }
     scenario = from_document({'camera': shaken}, 'test').seeded(5)
     cloud, camera = points_of(scenario, 5), scenario.camera
-    renderer = Renderer(FLOOR, camera.rig())
+    renderer = Renderer(Scene((TILE,)), camera.rig())
     expected, expected_visible = renderer.project(cloud.points, pose, frame)
     pixels, visible = cloud.project(pose, frame)
     np.testing.assert_array_equal(visible, expected_visible)

@@ -19,9 +19,9 @@ STARTS = [(0.78, -2.67, -10.5), (0.36, -4.86, 4.9), (-1.2, -1.0, 8.0)]
 TURNED = (0.0, 0.0, 15.0)  # at the goal, but for the heading
 
 
-def scenario(ratio: float, deviation: float = 1.0) -> Scenario:
+def scenario(ratio: float) -> Scenario:
     camera = {'believed_focal_ratio': ratio, 'believed_shift_u': 10.0, 'believed_shift_v': 10.0}
-    return from_document({'camera': camera, 'servo': {'focal_deviation': deviation}}, 'test')
+    return from_document({'camera': camera, 'servo': {'focal_deviation': 1.0}}, 'test')
 
 
 def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> RunLog:
@@ -29,16 +29,10 @@ def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> R
     return drive(scenario(ratio).seeded(seed), start, seed)
 
 
-def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
-    """Return the records of runs with these ratios, starts, and deviations of the ratio."""
-    runs = [(scenario(ratio, deviation).seeded(k), k) for ratio, k, deviation in cases]
-    return [drive(each, STARTS[k], k) for each, k in runs]
-
-
 @pytest.mark.parametrize('ratio', few_of([0.17, 0.5, 1.0]))
 def test_a_robot_with_a_wrong_focal_length_arrives(ratio: float) -> None:
-    for log in driven([(ratio, k, 1.0) for k in range(len(STARTS))]):
-        summary = summarise(log)
+    for seed, start in enumerate(STARTS):
+        summary = summarise(driven_from(start, ratio, seed))
         assert summary['outcome'] == 'arrived'
         # As with a calibrated camera; the principal point alone would cost 5 to 10 mm.
         assert summary['position_error_m'] < 0.004
@@ -86,10 +80,3 @@ def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
     near = [each.memory.lens for each in perceptions if each.measurement.bearings is None]
     assert len(near) > 10
     assert set(near) == {last}
-
-
-@pytest.mark.long
-def test_a_run_is_the_same_alone_and_beside_others_of_any_camera() -> None:
-    cases = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
-    for case, log in zip(cases, driven(cases), strict=True):
-        assert repr(log) == repr(driven([case])[0])

@@ -12,7 +12,6 @@ from visual_servo_epipolar.simulation.light import (
     Light,
     LIGHTS,
     LightSettings,
-    toned,
     UNCHANGED,
 )
 from visual_servo_epipolar.simulation.rendering.renderer import Exposures, Renderer
@@ -94,8 +93,7 @@ class CameraSimulator:
             image = self._disturbances.apply(image, frame)
         if frame <= 0:
             self._exposure.begin()
-        image, gain = self._exposure.take(image, light)
-        image = toned(image, gamma)
+        image, gain = self._exposure.take(image, light, gamma)
         image = self._sensor.capture(image, frame, gain)
         return as_jpeg(image, self.settings.jpeg) if self.settings.jpeg else image
 

@@ -7,10 +7,12 @@ import math
 from typing import Any, Protocol
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import (
     Pose,
     quaternion_from_yaw,
     STANDSTILL,
+    wrap_angle,
     yaw_from_quaternion,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -32,7 +34,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.twoview.observation import Observation, observe
 from visual_servo_epipolar.simulation.bases import Pioneer, PioneerSettings
 from visual_servo_epipolar.simulation.cameras import HeadSettings, SimulatedHead
-from visual_servo_epipolar.simulation.rigs import SimulatedRig, true_geometry
+from visual_servo_epipolar.simulation.rigs import SimulatedRig, upright_view
 from visual_servo_epipolar.simulation.sensor import (
     BodyState,
     CameraMotion,
@@ -159,9 +161,14 @@ def wrong_geometry_s(log: RunLog, rig: SimulatedRig) -> float:
 
 
 def _is_wrong(step: Sample, rig: SimulatedRig, frame: int) -> bool:
-    truth = true_geometry(rig, step.pose, frame)
-    error = truth.error(step.bearing_current, step.bearing_desired)
-    return truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
+    view = upright_view(rig, step.pose, frame)
+    if view.distance <= LEAST_BASELINE_M or math.isnan(
+        step.bearing_current + step.bearing_desired
+    ):
+        return False
+    true = Bearings.from_pose(view)
+    errors = step.bearing_current - true.current, step.bearing_desired - true.desired
+    return max(abs(wrap_angle(error)) for error in errors) > WRONG_BEARING
 
 
 Control = Callable[[ServoState, Observation, ServoSettings], ServoState]

@@ -15,13 +15,7 @@ from typing import Any, ClassVar
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import (
-    as_gray,
-    BoolArray,
-    FloatArray,
-    frozen,
-    Image,
-)
+from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, frozen, Image
 from visual_servo_epipolar.core.settings import internal, Settings
 from visual_servo_epipolar.simulation.light import brightened
 from visual_servo_epipolar.simulation.rooms.building import fractal_grain
@@ -211,9 +205,8 @@ class Disturbances:
 
     def apply(self, image: Image, frame: int) -> Image:
         """Return a disturbed copy of ``image``, shape (H, W), for ``frame``: 0, 1, ..."""
-        settings, progress = self.settings, self._progress(frame)
-        lit = brightened(as_gray(image), light(settings, frame))
-        image = lit.copy() if lit is image else lit
+        progress = self._progress(frame)
+        image = brightened(as_gray(image), light(self.settings, frame))
         if progress is not None:
             for occluder in self._occluders:
                 occluder.draw(image, progress)

@@ -139,13 +139,8 @@ class Light:
 
     def in_room(self, end: float) -> 'Light':
         """Return the light in a room whose front wall, with its windows, is at y = ``end`` [m]."""
-        sources = tuple(
-            replace(it, middle=(it.middle[0], end, it.middle[2]))
-            if isinstance(it, Window) and it.normal[1] < 0.0
-            else it
-            for it in self.sources
-        )
-        return replace(self, sources=sources)
+        moved = replace(OPENED, middle=(OPENED.middle[0], end, OPENED.middle[2]))
+        return replace(self, sources=tuple(moved if it is OPENED else it for it in self.sources))
 
     @property
     def casts_shadows(self) -> bool:
@@ -261,14 +256,14 @@ class Exposure:
         """Let the exposure settle anew on the next image."""
         self._steps = None
 
-    def take(self, image: Image, by: Light) -> tuple[Image, float]:
+    def take(self, image: Image, by: Light, gamma: float = 1.0) -> tuple[Image, float]:
         """Return the image, shape (H, W), as it is exposed, and the gain, which noise grows by."""
         if self._steps is None:
             self._steps, last = 0, None
             while self._steps != last:
                 last, self._steps = self._steps, self._after(self._steps, image, by)
         exposure = 2.0 ** (self._steps / STOP) if self.settings.exposure == 'auto' else 1.0
-        taken = brightened(image, by.level * exposure, glare=by.casts_shadows)
+        taken = brightened(image, by.level * exposure, glare=by.casts_shadows, gamma=gamma)
         self._steps = self._after(self._steps, image, by)
         return taken, max(exposure, 1.0)
 
@@ -286,20 +281,13 @@ class Exposure:
         return min(max(steps + step, -6 * STOP), 2 * STOP)  # of 1/64 to four times the fixed one
 
 
-def brightened(image: Image, factor: float, *, glare: bool = False) -> Image:
-    """Return ``image``, shape (H, W), ``factor`` times as bright, what glares by far more."""
-    if factor == 1.0:
-        return image
-    if not glare:
-        return np.asarray(cv2.convertScaleAbs(image, alpha=factor), dtype=np.uint8)
-    levels = np.arange(256.0) * factor
-    levels[WHITE] *= GLARE
-    return np.asarray(cv2.LUT(image, np.rint(np.minimum(levels, 255.0)).astype(np.uint8)))
+def brightened(image: Image, factor: float, *, glare: bool = False, gamma: float = 1.0) -> Image:
+    """
+    Return ``image``, shape (H, W), ``factor`` times as bright, what glares by far more.
 
-
-def toned(image: Image, gamma: float) -> Image:
-    """Return ``image``, shape (H, W), with grey to the power of ``gamma``, in units of white."""
-    if gamma == 1.0:
-        return image
-    levels = WHITE * (np.arange(256.0) / WHITE) ** gamma
+    Then grey is to the power of ``gamma``, in units of white.
+    """
+    levels = np.arange(256, dtype=np.float32) * np.float32(factor)
+    levels[WHITE] *= GLARE if glare else 1.0
+    levels = WHITE * (np.rint(np.minimum(levels, WHITE)).astype(float) / WHITE) ** gamma
     return np.asarray(cv2.LUT(image, np.rint(levels).astype(np.uint8)))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
@@ -52,28 +53,22 @@ class Ground:
 
     def is_free(self, pose: Pose) -> bool:
         """Return whether the robot and its camera can be at ``pose``."""
-        places = np.array([[pose.x, pose.y], self._rig.camera_pose(pose).centre[:2]])
-        on_floor = (inside(places, self._floors) >= CLEARANCE).any(axis=1)
-        clear = (inside(places, self._obstacles) <= -CLEARANCE).all(axis=1)
-        return bool((on_floor & clear).all())
+        x, y, _ = self._rig.camera_pose(pose).centre.tolist()
+        return all(
+            any(depth >= CLEARANCE for depth in depths(place, self._floors))
+            and all(depth <= -CLEARANCE for depth in depths(place, self._obstacles))
+            for place in ((pose.x, pose.y), (x, y))
+        )
 
 
-def inside(places: FloatArray, rectangles: FloatArray) -> FloatArray:
+def depths(place: tuple[float, float], rectangles: FloatArray) -> list[float]:
     """
-    Return how deep ``places`` lie in level ``rectangles`` [m], shape (N, M); outside, - distance.
+    Return how deep a ``place`` lies in level ``rectangles`` [m]; outside, - distance.
 
-    Places have shape (N, 2); rectangles (M, 4, 3): corners, in order around.
+    Rectangles have shape (M, 4, 3): corners, in order around.
     """
-    origin = rectangles[:, 0, :2]
-    depths = []
-    for corner in (1, 3):
-        edge = rectangles[:, corner, :2] - origin
-        length = np.linalg.norm(edge, axis=1)
-        along = ((places[:, None] - origin) * edge).sum(axis=2) / length
-        depths.append(np.minimum(along, length - along))
-    depth = np.minimum(*depths)
-    away = np.hypot(*(np.minimum(item, 0.0) for item in depths))
-    return np.asarray(np.where(depth < 0.0, -away, depth))
+    contours = rectangles[..., :2].astype(np.float32)
+    return [cv2.pointPolygonTest(contour, place, True) for contour in contours]
 
 
 def start_in(

@@ -10,7 +10,13 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import (
+    compose,
+    DESIRED_POSE,
+    integrate,
+    Pose,
+    relative_pose,
+)
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Joints
 from visual_servo_epipolar.simulation.sensor import CameraMotion, DESIRED_FRAME
 
@@ -185,41 +191,16 @@ def exposed_from(
     return pitched(place, pose, pitch) if pitch else place
 
 
-class TrueGeometry(NamedTuple):
+def upright_view(rig: SimulatedRig, pose: Pose, frame: int | None = None) -> Pose:
     """
-    Bearings of the other camera's centre [rad], right positive, and the baseline on the floor [m].
+    Return where the camera is in ``frame`` as that of the photograph sees it, both upright.
 
-    They are those of upright cameras at the true centres, which look where the true ones look:
-    offset and yaw of the mount count, tilt and roll do not.
+    They stand at the true centres and look where the true ones look: offset and yaw of the mount
+    count, tilt and roll do not. In the plane of the paper, the photograph was taken at its goal.
     """
-
-    current: float
-    desired: float
-    baseline: float
-
-    def error(self, current: float, desired: float) -> float:
-        """Return the larger error of two measured bearings [rad]; nan if either is."""
-        if not (math.isfinite(current) and math.isfinite(desired)):
-            return math.nan
-        errors = wrap_angle(current - self.current), wrap_angle(desired - self.desired)
-        return max(map(abs, errors))
-
-
-def true_geometry(rig: SimulatedRig, pose: Pose, frame: int | None = None) -> TrueGeometry:
-    """Return the geometry of the view from ``pose`` in ``frame`` and of the photograph."""
-    (x, y), heading = _upright(rig, pose, frame)
-    (goal_x, goal_y), goal_heading = _upright(rig, DESIRED_POSE, DESIRED_FRAME)
-    ahead = math.atan2(goal_y - y, goal_x - x)
-    return TrueGeometry(
-        current=wrap_angle(heading - ahead),
-        desired=wrap_angle(goal_heading - ahead - math.pi),
-        baseline=math.hypot(goal_x - x, goal_y - y),
-    )
-
-
-def _upright(
-    rig: SimulatedRig, pose: Pose, frame: int | None
-) -> tuple[tuple[float, float], float]:
-    """Return place [m] and heading [rad] of the upright camera that looks as the true one does."""
-    axes, centre = rig.camera_pose(pose, frame)
-    return (float(centre[0]), float(centre[1])), math.atan2(axes[1, 2], axes[0, 2])
+    views = []
+    for robot, number in ((DESIRED_POSE, DESIRED_FRAME), (pose, frame)):
+        axes, centre = rig.camera_pose(robot, number)
+        views.append(np.array([centre[0], centre[1], math.atan2(axes[1, 2], axes[0, 2])]))
+    goal = np.array([DESIRED_POSE.x, DESIRED_POSE.y, DESIRED_POSE.theta])
+    return Pose(*compose(goal, relative_pose(*views)).tolist())

@@ -8,25 +8,10 @@ import pytest
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.rendering.raster import (
-    _averaged,
-    draw,
-    PinholeView,
-    rasterize,
-    Strip,
-)
+from visual_servo_epipolar.simulation.rendering.raster import draw, PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.surfaces import LENS_SIGMA
 from visual_servo_epipolar.simulation.rigs import CameraMount, SimulatedRig
 from visual_servo_epipolar.simulation.rooms.scene import room
-
-
-@pytest.mark.parametrize(('columns', 'rows'), [(1, 2), (1, 4), (1, 8), (2, 1), (8, 1), (2, 4)])
-def test_the_mean_of_the_parts_is_rounded_once(columns: int, rows: int) -> None:
-    parts = np.random.default_rng(0).integers(0, 256, (7 * rows, 13 * columns), dtype=np.uint8)
-    mean = _averaged(parts, Strip(0, 0, 0, 0, columns, rows))
-    exact = parts.reshape(7, rows, 13, columns).mean(axis=(1, 3))
-    assert np.abs(mean - exact).max() <= 0.5
-
 
 LARGE = Camera(320, 240, 192.3, 192.3, 158.6, 119.9)
 RIG = SimulatedRig(LARGE, CameraMount(tilt=0.05, roll=-0.03))

@@ -40,18 +40,15 @@ def keypoint_places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     return pixels, renderer.trace(pixels, DESIRED_POSE)
 
 
-def test_the_same_seed_gives_the_same_wall() -> None:
+def test_the_same_seed_gives_the_same_wall_and_the_last_one_is_kept() -> None:
     first = room(3, 'wall')
+    assert room(3, kind='wall') is first
     room(4, 'wall')  # one room is kept: the next is built anew
     second = room(3, 'wall')
     assert second is not first
     for one, other in zip(first.surfaces, second.surfaces, strict=True):
         assert one.name == other.name
         np.testing.assert_array_equal(one.texture.image, other.texture.image)
-
-
-def test_the_last_room_is_kept() -> None:
-    assert room(3, 'wall') is room(3, kind='wall')
 
 
 def test_another_seed_gives_another_room(rooms: dict[int, Scene]) -> None:

@@ -162,7 +162,10 @@ class Raster:
 def rasterize(scene: Scene, view: PinholeView) -> Raster:
     """Paint the numbers of the strips of all surfaces from back to front."""
     shown, polygons = _polygons(scene, view)
-    maps = _unprojections(scene, view, shown)
+    corners = view.to_camera(scene.corners[shown])
+    edges = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+    frames = np.stack([*edges, corners[:, 0]], axis=-1)
+    maps = np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
     level = np.abs(scene.normals[shown, 2]) > 0.5
     parts = _parts(view, polygons, level.tolist())
     keys = sampling(scene, shown, maps, parts)
@@ -215,13 +218,6 @@ def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon]]
             shown.append(k)
             polygons.append(polygon)
     return np.array(shown, dtype=np.int64), polygons
-
-
-def _unprojections(scene: Scene, view: PinholeView, shown: IntArray) -> FloatArray:
-    corners = view.to_camera(scene.corners[shown])
-    origin = corners[:, 0]
-    frames = np.stack([corners[:, 1] - origin, corners[:, 3] - origin, origin], axis=-1)
-    return np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
 
 
 def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tuple[Box, ...]:
@@ -344,15 +340,6 @@ def _averaged(parts: Image, strip: Strip) -> Image:
     return np.asarray(cv2.resize(parts, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-class Crossings(NamedTuple):
-    """Pixels crossed by edges of surfaces: one a row where an edge is steep, or one a column."""
-
-    pixels: IntArray  # index into the flat image
-    inwards: IntArray  # index step to the next pixel across the edge, towards the surface
-    shares: FloatArray  # how much of the pixel the surface covers
-    owners: IntArray  # the surface whose edge it is
-
-
 def smooth_edges(scene: Scene, view: PinholeView, raster: Raster, image: Image) -> None:
     """
     Mix the pixels of ``image``, shape (H, W), that an edge cuts, by covered area.
@@ -388,8 +375,15 @@ def smooth_edges(scene: Scene, view: PinholeView, raster: Raster, image: Image) 
     flat[stuck[wrong]] = taken
 
 
-def find_crossings(scene: Scene, view: PinholeView, raster: Raster) -> Crossings:
-    """Walk along all edges of the surfaces in view."""
+def find_crossings(
+    scene: Scene, view: PinholeView, raster: Raster
+) -> tuple[IntArray, IntArray, FloatArray, IntArray]:
+    """
+    Walk along all edges of the surfaces in view: a pixel a row of a steep one, or one a column.
+
+    Returns the pixels by their index in the flat image, the step to the next one across the edge,
+    towards the surface, how much of the pixel the surface covers, and which surface it is.
+    """
     ends, owners = _edges(scene, view, raster.shown)
     delta = ends[:, 1] - ends[:, 0]
     steep = np.abs(delta[:, 1]) > np.abs(delta[:, 0])
@@ -411,7 +405,7 @@ def find_crossings(scene: Scene, view: PinholeView, raster: Raster) -> Crossings
     step, stride = np.where(steep, 1, view.width), np.where(steep, view.width, 1)
     pixels = cell * step[edge] + position * stride[edge]
     shares = 0.5 - (crossing - cell) * inward[edge]
-    return Crossings(pixels, (inward * step)[edge], shares, owners[edge])
+    return pixels, (inward * step)[edge], shares, owners[edge]
 
 
 def _edges(scene: Scene, view: PinholeView, shown: IntArray) -> tuple[FloatArray, IntArray]:

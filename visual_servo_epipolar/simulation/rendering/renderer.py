@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cached_property
 import math
 from typing import Any, NamedTuple
 
@@ -37,9 +38,9 @@ class Face(NamedTuple):
     size: tuple[int, int]
     intrinsics: FloatArray
     R_camera_face: FloatArray
-    maps: tuple[FloatArray, FloatArray] | None  # None if the image is that of the lens
+    maps: tuple[FloatArray, FloatArray]
     box: tuple[int, int, int, int]  # left, top, width, height
-    shown: Image | None  # which pixels of the box this face shows, as a mask; None for all
+    shown: Image  # which pixels of the box this face shows, as a mask
 
 
 class Renderer:
@@ -53,7 +54,6 @@ class Renderer:
 
     def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
-        self._faces = list(_faces(rig.camera))
 
     def render(
         self, pose: Pose, frame: int | None = None, motion: CameraMotion = STILL, time: float = 0.0
@@ -64,18 +64,21 @@ class Renderer:
         It is that of an instant of the ``motion``, and black where nothing is seen.
         """
         axes, centre = exposed_from(self.rig, pose, frame, motion, time)
-        image: Image = np.zeros((self.camera.height, self.camera.width), dtype=np.uint8)
+        size, planar = (self.camera.width, self.camera.height), self.camera.planar
+        if planar is not None and not (planar.distorts or planar.skew):
+            return draw(self.scene, PinholeView(*size, planar.matrix, centre, axes))
+        image: Image = np.zeros(size[::-1], dtype=np.uint8)
         for face in self._faces:
             view = PinholeView(*face.size, face.intrinsics, centre, axes @ face.R_camera_face)
-            part = draw(self.scene, view)
-            if face.maps is not None:
-                # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
-                part = np.asarray(cv2.remap(part, *face.maps, cv2.INTER_LANCZOS4), np.uint8)
-            if face.shown is None:
-                return part
+            # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
+            part = cv2.remap(draw(self.scene, view), *face.maps, cv2.INTER_LANCZOS4)
             left, top, width, height = face.box
             cv2.copyTo(part, face.shown, image[top : top + height, left : left + width])
         return image
+
+    @cached_property
+    def _faces(self) -> list[Face]:
+        return list(_faces(self.camera))
 
     def project(
         self, points: FloatArray, pose: Pose, frame: int | None = None, joints: Joints = AT_REST
@@ -147,14 +150,10 @@ def rays_of(camera: CameraModel, zoom: float = 1.0) -> FloatArray:
 
 def _faces(camera: CameraModel) -> Iterator[Face]:
     """Yield the pinhole image that a lens distorts, or the faces of a cube around a wider one."""
-    planar, size = camera.planar, (camera.width, camera.height)
-    if planar is not None and not (planar.distorts or planar.skew):
-        yield Face(size, planar.matrix, np.eye(3), None, (0, 0, *size), None)
-        return
     rays = rays_of(camera)
     nearest = np.zeros((camera.height, camera.width), int)
     axes = [np.array(columns).T for columns in AXES.values()]
-    if planar is None:
+    if camera.planar is None:
         seen = np.isfinite(rays).all(axis=2)
         ahead = np.array([each[:, 2] for each in axes])
         nearest[seen] = np.argmax(rays[seen] @ ahead.T, axis=1)
@@ -171,20 +170,17 @@ def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatA
     left, top, width, height = cv2.boundingRect(mask)
     part = slice(top, top + height), slice(left, left + width)
     directions = rays[part] @ axes
-    inside = shown[part]
-    ahead = np.where(inside[..., None], directions, [0.0, 0.0, 1.0])
+    ahead = np.where(shown[part][..., None], directions, [0.0, 0.0, 1.0])
     ideal = ahead[..., :2] / ahead[..., 2:] * [camera.fx, camera.fy]
-    ends = ideal[inside]
+    ends = ideal[shown[part]]
     border = MARGIN + 1.0  # the sampling reaches four pixels out
     origin = np.floor(ends.min(axis=0)) - border
     size = (np.ceil(ends.max(axis=0)) - origin + border + 1.0).astype(int).tolist()
     cx, cy = (-origin).tolist()
     intrinsics = np.array([[camera.fx, 0.0, cx], [0.0, camera.fy, cy], [0.0, 0.0, 1.0]])
-    maps = (ideal - origin).astype(np.float32)
-    both = maps[..., 0].copy(), maps[..., 1].copy()
-    masked: Image = np.ascontiguousarray(mask[part])
+    u, v = cv2.split((ideal - origin).astype(np.float32))
     box = left, top, width, height
-    return Face((size[0], size[1]), intrinsics, axes, both, box, masked)
+    return Face((size[0], size[1]), intrinsics, axes, (u, v), box, mask[part].copy())
 
 
 NEAREST_M = 2.0  # distance at which one pixel of blur takes one sample

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.simulation.light import Box, Lamp, Light, WHITE, Window
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface, Texture
 
@@ -17,6 +18,7 @@ GRAIN_SIZE = 1024  # the grain repeats after so many texels
 GRAIN_DEVIATION = 32.0  # of the grain, grey levels around 128
 FINEST = 0.8
 SHIFT = 4  # sub-pixel bits of drawing
+Points = Sequence[tuple[float, float]] | FloatArray
 
 
 def fractal_grain(rng: np.random.Generator) -> Image:
@@ -56,8 +58,8 @@ class Painting:
 
     def copied(self, rng: np.random.Generator) -> 'Painting':
         """Return a copy, to be painted on by another random generator."""
-        other = Painting(self.width, self.height, self.density, rng, self.grain)
-        other.pixels, other.pictures = self.pixels.copy(), [*self.pictures]
+        other = copy(self)
+        other.rng, other.pixels, other.pictures = rng, self.pixels.copy(), [*self.pictures]
         return other
 
     def uniform(self, low: float, high: float) -> float:
@@ -87,36 +89,25 @@ class Painting:
         turns = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
         self.polygon(np.stack([x + radius * np.cos(turns), y + radius * np.sin(turns)], 1), grey)
 
-    def polygon(self, points: Sequence[tuple[float, float]] | FloatArray, grey: float) -> None:
+    def polygon(self, points: Points, grey: float) -> None:
         """Fill a polygon with corners [m], shape (N, 2)."""
-        texels = (np.asarray(points) * self.density - 0.5) * (1 << SHIFT)
-        cv2.fillPoly(
-            self.pixels, [np.rint(texels).astype(np.int32)], _level(grey), cv2.LINE_AA, SHIFT
-        )
+        cv2.fillPoly(self.pixels, [self._texels(points)], _level(grey), cv2.LINE_AA, SHIFT)
 
-    def line(
-        self, points: Sequence[tuple[float, float]] | FloatArray, width: float, grey: float
-    ) -> None:
+    def _texels(self, points: Points) -> IntArray:
+        texels = (np.asarray(points) * self.density - 0.5) * (1 << SHIFT)
+        return np.asarray(np.rint(texels), np.int32)
+
+    def line(self, points: Points, width: float, grey: float) -> None:
         """Draw a line through points [m], shape (N, 2), at least a texel wide."""
-        texels = np.rint((np.asarray(points) * self.density - 0.5) * (1 << SHIFT)).astype(np.int32)
-        thickness = max(1, round(width * self.density))
-        cv2.polylines(self.pixels, [texels], False, _level(grey), thickness, cv2.LINE_AA, SHIFT)
+        style = _level(grey), max(1, round(width * self.density)), cv2.LINE_AA, SHIFT
+        cv2.polylines(self.pixels, [self._texels(points)], False, *style)
 
     def text(self, words: str, x: float, y: float, height: float, grey: float) -> None:
         """Write words with their baseline starting at (x, y), capitals ``height`` tall."""
         at = (round(x * self.density), round(y * self.density))
         scale = height * self.density / 22.0
-        weight = max(1, round(scale * 1.6))
-        cv2.putText(
-            self.pixels,
-            words,
-            at,
-            cv2.FONT_HERSHEY_SIMPLEX,
-            scale,
-            _level(grey),
-            weight,
-            cv2.LINE_AA,
-        )
+        style = scale, _level(grey), max(1, round(scale * 1.6)), cv2.LINE_AA
+        cv2.putText(self.pixels, words, at, cv2.FONT_HERSHEY_SIMPLEX, *style)
 
     def paste(self, image: Image, x: float, y: float) -> None:
         """Put a picture, shape (H, W), of equal density at (x, y); what sticks out is cut off."""
@@ -135,22 +126,20 @@ class Painting:
 
     def grain_patch(self, shape: tuple[int, int], zoom: tuple[float, float] = (1.0, 1.0)) -> Image:
         """Return a patch of grain of ``shape`` (H, W) from a random place, mirrored at random."""
-        rows, columns = (math.ceil(n / z) + 2 for n, z in zip(shape, zoom[::-1], strict=True))
-        down, right = self.rng.integers(0, GRAIN_SIZE, 2)
-        patch = np.roll(self.grain, (-int(down), -int(right)), (0, 1))
-        patch = patch[:: 1 - 2 * int(self.rng.integers(2)), :: 1 - 2 * int(self.rng.integers(2))]
-        patch = np.ascontiguousarray(patch[:rows, :columns])
-        more = max(0, rows - len(patch)), max(0, columns - patch.shape[1])
-        if any(more):
-            patch = np.asarray(
-                cv2.copyMakeBorder(patch, 0, more[0], 0, more[1], cv2.BORDER_WRAP), np.uint8
-            )
+        counts = [math.ceil(n / z) + 2 for n, z in zip(shape, zoom[::-1], strict=True)]
+        starts = self.rng.integers(0, GRAIN_SIZE, 2).tolist()
+        places = [
+            (start - 1 - np.arange(n) if self.rng.integers(2) else start + np.arange(n))
+            % GRAIN_SIZE
+            for n, start in zip(counts, starts, strict=True)
+        ]
+        patch = self.grain[np.ix_(*places)]
         if zoom != (1.0, 1.0):
-            size = (round(columns * zoom[0]), round(rows * zoom[1]))
+            size = (round(counts[1] * zoom[0]), round(counts[0] * zoom[1]))
             patch = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_CUBIC), np.uint8)
         return patch[: shape[0], : shape[1]]
 
-    def lit(self, field: FloatArray, most: int = 255) -> Image:
+    def lit(self, field: FloatArray, most: int) -> Image:
         """
         Return the paint, shape (H, W), by a coarse ``field`` of light, shape (H, W), in 0..2.
 
@@ -159,9 +148,7 @@ class Painting:
         coarse = np.clip(field * 127.5, 0.0, 255.0).astype(np.float32)
         rows, columns = self.pixels.shape
         full = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR)
-        pixels = cv2.multiply(self.pixels, full, scale=1.0 / 127.5, dtype=cv2.CV_8U)
-        if most < 255:
-            pixels = cv2.min(pixels, most)
+        pixels = cv2.min(cv2.multiply(self.pixels, full, scale=1 / 127.5, dtype=cv2.CV_8U), most)
         return np.asarray(cv2.GaussianBlur(pixels, (5, 5), 0.6), dtype=np.uint8)
 
 
@@ -177,7 +164,7 @@ SHADOW_STEP = 0.1  # the same, where something casts shadows [m]
 
 Painter = Callable[[Painting], None]
 Frame = tuple[FloatArray, FloatArray, FloatArray]  # a corner and both edges [m]
-Material = Callable[[Painting, float], None]
+Material = Callable[..., None]  # paints a sheet by a ``grey``
 
 
 class FloorCell(NamedTuple):
@@ -215,12 +202,9 @@ class Furniture:
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Distances of ``points``, shape (..., 3), from its footprint on the floor [m]."""
-        right, back = self.axes()
-        offset = points - np.array([self.x, self.y, 0.0])
-        width, depth, _ = self.size
-        across = np.maximum(np.abs(offset @ right) - 0.5 * width, 0.0)
-        along = np.maximum(np.abs(offset @ back - 0.5 * depth) - 0.5 * depth, 0.0)
-        return np.asarray(np.hypot(across, along))
+        box = self.box
+        away = np.maximum(np.abs((points - box.middle) @ box.axes.T) - box.half, 0.0)
+        return np.asarray(np.hypot(away[..., 0], away[..., 1]))
 
     @property
     def box(self) -> Box:
@@ -248,9 +232,9 @@ class Panel:
             return replace(self, standing=standing)
         if self.body != piece.name:
             return self
-        origin, edge_u, edge_v = self.frame
+        origin, *edges = self.frame
         shift = np.array([moved.x - piece.x, moved.y - piece.y, 0.0])
-        return replace(self, frame=(origin + shift, edge_u, edge_v))
+        return replace(self, frame=(origin + shift, *edges))
 
     def lit(
         self, light: Light, ceiling_lamps: Sequence[FloatArray], boxes: Sequence[Box]
@@ -306,21 +290,17 @@ class Builder:
 
     def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
         """Put up the 'front', 'left', 'right' or 'rear' wall; ``density`` is in texels a metre."""
-        start, end = {
-            'front': ((LEFT, self.end), (RIGHT, self.end)),
-            'right': ((RIGHT, self.end), (RIGHT, REAR)),
-            'rear': ((RIGHT, REAR), (LEFT, REAR)),
-            'left': ((LEFT, REAR), (LEFT, self.end)),
-        }[side]
-        edge = np.array([end[0] - start[0], end[1] - start[1], 0.0])
-        frame = (np.array([*start, HEIGHT]), edge, np.array([0.0, 0.0, -HEIGHT]))
-        self._panel(f'{side} wall', frame, paint, density)
+        around = [(LEFT, self.end), (RIGHT, self.end), (RIGHT, REAR), (LEFT, REAR)]
+        k = ['front', 'right', 'rear', 'left'].index(side)
+        edge = np.array([*np.subtract(around[k - 3], around[k]), 0.0])
+        frame = (np.array([*around[k], HEIGHT]), edge, np.array([0.0, 0.0, -HEIGHT]))
+        self._panel(f'{side} wall', ROOM, frame, paint, density)
 
     def cover(
         self,
         cell: FloorCell,
         floor: Painter,
-        ceiling: Callable[[Painting, list[tuple[float, float]]], None],
+        ceiling: Callable[..., None],
         furniture: Sequence[Furniture],
         densities: tuple[float, float] = (190.0, 150.0),
     ) -> None:
@@ -332,15 +312,17 @@ class Builder:
         right, far = np.array([cell.x1 - cell.x0, 0.0, 0.0]), np.array([0, cell.y1 - cell.y0, 0.0])
         frame = np.array([cell.x0, cell.y1, 0.0]), right, -far
         low = [piece for piece in furniture if piece.bottom < 0.3]
-        name = f'{cell.name} floor'
-        self._panel(name, frame, floor, densities[0], low)
+        self._panel(f'{cell.name} floor', ROOM, frame, floor, densities[0], low)
         lamps = [
             (x - cell.x0, y - cell.y0)
             for x, y in self.lamps
             if cell.x0 < x < cell.x1 and cell.y0 < y < cell.y1
         ]
-        frame, name = (np.array([cell.x0, cell.y0, HEIGHT]), right, far), f'{cell.name} ceiling'
-        self._panel(name, frame, lambda sheet: ceiling(sheet, lamps), densities[1])
+        frame, paint = (
+            (np.array([cell.x0, cell.y0, HEIGHT]), right, far),
+            partial(ceiling, lamps=lamps),
+        )
+        self._panel(f'{cell.name} ceiling', ROOM, frame, paint, densities[1])
 
     def stand(self, piece: Furniture, *, density: float = DENSITY) -> None:
         """Put a piece of furniture in its place: all faces but the one it stands on."""
@@ -360,27 +342,23 @@ class Builder:
             faces['bottom'] = (top + down, x, y)
         grey = float(self.rng.uniform(80.0, 170.0))
         for name, frame in faces.items():
-            material = piece.front if name == 'front' else piece.sides
-            sheet = self._sheet(frame, density)
-            material(sheet, grey)
-            self.panels.append(Panel(f'{piece.name} {name}', piece.name, frame, sheet))
+            paint = partial(piece.front if name == 'front' else piece.sides, grey=grey)
+            self._panel(f'{piece.name} {name}', piece.name, frame, paint, density)
 
     def _panel(
         self,
         name: str,
+        body: str,
         frame: Frame,
         paint: Painter,
         density: float,
         standing: Sequence[Furniture] = (),
     ) -> None:
-        """Add a painted rectangle of the room, ``density`` in texels a metre."""
-        sheet = self._sheet(frame, density)
-        paint(sheet)
-        self.panels.append(Panel(name, ROOM, frame, sheet, standing))
-
-    def _sheet(self, frame: Frame, density: float) -> Painting:
+        """Add a painted rectangle, ``density`` in texels a metre."""
         width, height = (float(np.linalg.norm(edge)) for edge in frame[1:])
-        return Painting(width, height, density, self.rng, self._grain)
+        sheet = Painting(width, height, density, self.rng, self._grain)
+        paint(sheet)
+        self.panels.append(Panel(name, body, frame, sheet, standing))
 
     def surfaces(self, light: Light) -> list[Surface]:
         """Return the surfaces as they look by ``light`` and the sources; panes are the last."""

@@ -426,8 +426,8 @@ def smooth(sheet: Painting, grey: float) -> None:
 def faded(paint: Callable[..., None]) -> Callable[..., None]:
     """Return the painter that leaves CONTRAST of what ``paint`` paints."""
 
-    def painter(sheet: Painting, *grey: float) -> None:
-        paint(sheet, *grey)
+    def painter(sheet: Painting, **grey: float) -> None:
+        paint(sheet, **grey)
         offset = (1.0 - CONTRAST) * MEAN
         sheet.pixels = np.asarray(cv2.convertScaleAbs(sheet.pixels, alpha=CONTRAST, beta=offset))
 
