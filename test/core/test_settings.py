@@ -144,32 +144,12 @@ def test_an_update_keeps_the_rest() -> None:
 @pytest.mark.parametrize(
     ('kind', 'changes', 'message'),
     [
-        (
-            ServoSettings,
-            {'latch_engage': 0.02, 'latch_release': 0.01},
-            'latch_engage must not exceed',
-        ),
-        (
-            ServoSettings,
-            {'min_displacement': 0.4, 'max_displacement': 0.3},
-            'min_displacement must not exceed max_displacement, got 0.4 and 0.3 rad',
-        ),
-        (
-            ServoSettings,
-            {'dead_band_linear': 0.5, 'max_linear': 0.4},
-            'dead bands must not exceed max_linear',
-        ),
+        (ServoSettings, {'latch_engage': 0.02, 'latch_release': 0.01}, 'latch_engage must not'),
+        (ServoSettings, {'min_displacement': 0.4, 'max_displacement': 0.3}, 'got 0.4 and 0.3'),
+        (ServoSettings, {'dead_band_linear': 0.5, 'max_linear': 0.4}, 'dead bands must not'),
         (ServoSettings, {'dead_band_angular': 0.5, 'max_angular': 0.4}, 'got 0 m/s and 0.5 rad/s'),
-        (
-            TrackerSettings,
-            {'min_features': 41, 'max_features': 40},
-            'min_features must not exceed max_features, got 41',
-        ),
-        (
-            PerceptionSettings,
-            {'estimator': 'linear_9pt'},
-            "^estimator must be one of lmeds_8pt, .*, got 'linear_9pt'",
-        ),
+        (TrackerSettings, {'min_features': 41, 'max_features': 40}, 'min_features must not'),
+        (PerceptionSettings, {'estimator': 'linear_9pt'}, "^estimator must be one of .*'linear_9"),
     ],
 )
 def test_settings_that_contradict_each_other_or_name_nothing_are_refused(

@@ -93,10 +93,6 @@ def steering(twist: Twist) -> float:
     return math.atan(LIMITS.wheelbase * twist.angular / twist.linear)
 
 
-def is_driven(twist: Twist) -> bool:
-    return abs(twist.angular) <= abs(twist.linear) * LIMITS.max_curvature + 1e-12
-
-
 def test_it_does_not_turn_in_place() -> None:
     assert turns_in_place(BASE) and not turns_in_place(CAR)
     assert CAR.within_speed(Twist(0.0, 1.0)) == STANDSTILL
@@ -107,7 +103,8 @@ def test_no_command_turns_more_than_its_curvature(wanted: Twist, then: Twist, mo
     first = CAR.within_acceleration(CAR.within_speed(wanted), STANDSTILL, DT_CAR)
     second = CAR.within_acceleration(CAR.within_speed(then), first, DT_CAR)
     last, _ = CAR.beyond_dead_band(Twist(second.linear, then.angular), STANDSTILL, mode=mode)
-    assert all(map(is_driven, (CAR.within_speed(wanted), first, second, last)))
+    for it in (CAR.within_speed(wanted), first, second, last):
+        assert abs(it.angular) <= abs(it.linear) * LIMITS.max_curvature + 1e-12
 
 
 @given(TWISTS, TWISTS)

@@ -229,15 +229,6 @@ def test_what_is_not_seen_leaves_the_path_to_go_on() -> None:
     assert belief.is_ranged
 
 
-def is_believed(yaw: float, *, deviation: float, log_distance: float, missed: bool) -> bool:
-    """Return whether a ``yaw`` [deg] is significant at these deviations [deg, 1]."""
-    begun = unknown()
-    mean, covariance = begun.mean.copy(), begun.covariance.copy()
-    mean[YAW], covariance[YAW, YAW] = math.radians(yaw), math.radians(deviation) ** 2
-    covariance[RHO, RHO] = log_distance**2
-    return is_significant(replace(begun, mean=mean, covariance=covariance), missed)
-
-
 @pytest.mark.parametrize(
     ('yaw', 'deviation', 'log_distance', 'believed'),
     [
@@ -251,9 +242,12 @@ def is_believed(yaw: float, *, deviation: float, log_distance: float, missed: bo
     ],
 )
 def test_what_is_believed_is_certain_and_matters(yaw, deviation, log_distance, believed) -> None:
-    for missed in (False, True):
-        answer = is_believed(yaw, deviation=deviation, log_distance=log_distance, missed=missed)
-        assert answer is believed[missed]
+    begun = unknown()
+    mean, covariance = begun.mean.copy(), begun.covariance.copy()
+    mean[YAW], covariance[YAW, YAW] = math.radians(yaw), math.radians(deviation) ** 2
+    covariance[RHO, RHO] = log_distance**2
+    belief = replace(begun, mean=mean, covariance=covariance)
+    assert tuple(is_significant(belief, missed) for missed in (False, True)) == believed
 
 
 def test_an_offset_aside_alone_is_not_believed() -> None:

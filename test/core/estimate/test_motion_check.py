@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from servo_states import sight
+from servo_states import SETTINGS, sight
 
 from visual_servo_epipolar.core.estimate.base_model import (
     Curvature,
@@ -22,11 +22,9 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent
 from visual_servo_epipolar.core.rigs.pan_tilt import PanTiltHead
 from visual_servo_epipolar.core.rigs.rig import HeadLimits, HeadView, Joints
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import MOST_GAP_S
 from visual_servo_epipolar.core.twoview.observation import Observation
 
-SETTINGS = ServoSettings()
 PERIOD_S, NOISE = 0.1, 4e-4  # 0.3 px at 769 px
 HEAD = PanTiltHead(HeadLimits())
 STILL, TURN, AHEAD = STANDSTILL, Twist(0.0, 0.3), Twist(0.3, 0.0)
@@ -328,3 +326,28 @@ def test_no_wheels_are_as_unequal_as_a_stranger_makes_them_look() -> None:
         )
         curvature = curvature.updated(before, after, Twist(0.3, 0.0), 0.1, drift=0.05)
     assert curvature.value == MOST_CURVATURE
+
+
+def learnt_turn(*, unrest: float, frames: int = 1) -> float:
+    """Return the curvature after a straight metre that turned, ``frames`` after ``unrest``."""
+    curvature = Curvature(change=unrest)
+    for frame in range(frames):
+        before = sight(frame, heading_error=0.0)
+        after = sight(frame + 1, heading_error=0.002 if frame == frames - 1 else 0.0)
+        travel = Twist(0.4 if frame == frames - 1 else 0.0, 0.0)
+        curvature = curvature.updated(before, after, travel, 0.1, drift=0.01)
+    return curvature.value
+
+
+def test_the_unrest_of_a_command_that_changes_decays_by_half_in_a_frame() -> None:
+    halved = learnt_turn(unrest=0.1)
+    assert learnt_turn(unrest=0.2, frames=2) == pytest.approx(halved, rel=0.05)
+
+
+def test_the_unrest_of_a_change_counts_for_a_fifth_of_a_second() -> None:
+    # gain = P s / (P s^2 + (0.2 change)^2): with s = 0.04 m, P = 0.0025, change = 0.5 rad/s.
+    gain = 0.0025 * 0.04 / (0.0025 * 0.04**2 + 0.1**2 + 2.0 * 5e-4**2)
+    off = Curvature().updated(
+        sight(0, heading_error=0.0), sight(1, heading_error=0.15), Twist(0.4, 0.5), 0.1, drift=0.0
+    )
+    assert off.value == pytest.approx(gain * 0.1, rel=0.05)

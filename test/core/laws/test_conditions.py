@@ -24,6 +24,7 @@ from visual_servo_epipolar.core.laws.arrival import (
     align_bound,
     engage_bound,
     facing_bound,
+    has_parallax,
     is_at_goal,
     matched_bound,
     release_bound,
@@ -255,3 +256,30 @@ def test_step_1_ends_within_half_of_the_least_turn_and_what_that_misses_by() -> 
     state, least = in_phase(Phase.ZEROING_EPIPOLES), 0.2 * USUAL_STEP_S
     assert asked(align_bound, state, sight(), SETTINGS) < 0.5 * least
     assert asked(align_bound, state, sight(), banded) == pytest.approx((0.5 + 0.15) * least)
+
+
+@pytest.mark.parametrize(
+    ('features', 'deviations', 'changes', 'seen'),
+    [
+        # So many features that the root of their mean square varies by nothing.
+        (10**8, 1.20, {}, False),
+        (10**8, 1.30, {}, True),
+        # Few vary more.
+        (25, 0.97 * 1.3 * 1.25, {'memory': False}, False),
+        (25, 1.03 * 1.3 * 1.25, {'memory': False}, True),
+        (100, 0.97 * 1.15 * 1.25, {'memory': False}, False),
+        (100, 1.03 * 1.15 * 1.25, {'memory': False}, True),
+        # In doubt a robot allows for no such luck at first: a small way back and forth tells it.
+        (25, 1.1 * 1.25, {}, True),
+        (25, 1.1 * 1.25, {'attempts': 2}, False),
+        (25, 1.1 * 1.25, {'focal_deviation': 1.0}, False),  # nothing is remembered through it
+    ],
+)
+def test_noise_alone_shows_a_parallax_of_one_and_a_quarter(
+    features, deviations, changes, seen
+) -> None:
+    still = sight(features=features, parallax=deviations * 0.3 / 769.0)
+    state = in_phase(Phase.MATCHING_FEATURES, attempts=changes.get('attempts', 1))
+    told = {name: value for name, value in changes.items() if name != 'attempts'}
+    settings = replace(SETTINGS, arrival_parallax=0.0, **told)
+    assert asked(has_parallax, state, still, settings) == seen

@@ -184,17 +184,11 @@ def test_the_longest_landing_time_is_met_by_the_worst_start(current, desired, ra
     assert 0.95 * longest <= max(durations) <= longest
 
 
-def tight() -> tuple[Circumstances, Pose]:
-    """Return a concordant start at the edge of its circumstances."""
+def test_where_k1_breaks_the_inequality_the_epipole_meets_the_singularity() -> None:
     circumstances = Circumstances(
         concordant=True, current=0.6, desired=0.4, nearest=4.0, farthest=5.0, max_linear=2.0
     )
-    pose = pose_with(math.tan(0.6), math.tan(0.4), sigma=-1.0, distance=5.0)
-    return circumstances, pose
-
-
-def test_where_k1_breaks_the_inequality_the_epipole_meets_the_singularity() -> None:
-    circumstances, pose = tight()
+    pose = pose_with(math.tan(0.6), math.tan(0.4), sigma=-1.0, distance=5.0)  # at the edge of them
     gains = derive(circumstances)
     assert gains.k1 * gains.transient == pytest.approx(rules.largest_decay(circumstances))
     assert sampled(pose, 5.0, circumstances, gains).verdict == 'landed'

@@ -31,13 +31,6 @@ def at_truth(drive: StudyTrial, views: int = 14) -> Evaluation:
     )
 
 
-def noiseless(**changes: float) -> StudyTrial:
-    """Return an exact drive on a level floor, though it is taken to be as others are."""
-    drive = trial(StudySettings(noise=1e-9, wrong=0.0, scale_error=0.0, jitter=1e-9, **changes), 5)
-    object.__setattr__(drive, 'settings', StudySettings(wrong=0.0, **changes))
-    return drive
-
-
 @pytest.fixture(scope='session')
 def truth_of() -> Callable[[StudyTrial, int], Evaluation]:
     """Return what makes the window of the first views of a drive at its true unknowns."""
@@ -46,8 +39,10 @@ def truth_of() -> Callable[[StudyTrial, int], Evaluation]:
 
 @pytest.fixture(scope='session')
 def exact_drive() -> StudyTrial:
-    """Return a drive without noise or wrong matches."""
-    return noiseless()
+    """Return an exact drive on a level floor, though it is taken to be as others are."""
+    drive = trial(StudySettings(noise=1e-9, wrong=0.0, scale_error=0.0, jitter=1e-9), 5)
+    object.__setattr__(drive, 'settings', StudySettings(wrong=0.0))
+    return drive
 
 
 @pytest.fixture(scope='session')

@@ -6,11 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
 from visual_servo_epipolar.core.mapping.refinement import (
     Geometry,
-    LEAST_INFORMATION,
     OUTLIER,
     refine,
     robust_cost,
@@ -93,46 +91,6 @@ def moved(exact, seed=0):
         at.inverse_depth * (1.0 + 1e-3 * rng.normal(size=count)),
     )
     return replace(exact, unknowns=unknowns)
-
-
-def whole(at):
-    """Return matrix and vector of all unknowns at once, features behind the others."""
-    views, count = at.window.seen.shape
-    size = 5 * views + 5
-    jacobian = np.zeros((views, 2, count, size + 3 * count))
-    basis = at.window.tangent_basis
-    found = projection.slopes(at.structure, at.unknowns.views, basis, at.projection)
-    for k in range(views):
-        for n in range(count):
-            jacobian[k, :, n, 5 * k : 5 * k + 5] = found[k, :5, :, n].T
-            jacobian[k, :, n, size - 5 : size - 2] = found[k, 8:, :, n].T
-            jacobian[k, :, n, size + 3 * n : size + 3 * n + 3] = found[k, 5:8, :, n].T
-    root = np.sqrt(at.weight)[:, None, :, None]
-    rows = (root * jacobian).reshape(-1, jacobian.shape[-1])
-    residuals = (root[..., 0] * at.projection.residuals).ravel()
-    matrix, vector = rows.T @ rows, rows.T @ residuals
-    prior, slope = at.factors.equations(at.unknowns)
-    matrix[:size, :size] += prior
-    vector[:size] += slope
-    for n in range(count):
-        for axis in range(2):
-            j = size + 3 * n + axis
-            matrix[j, j] += at.offset_weight[n] + LEAST_INFORMATION
-            vector[j] += at.offset_weight[n] * at.unknowns.offsets[axis, n]
-        matrix[size + 3 * n + 2, size + 3 * n + 2] += LEAST_INFORMATION
-    return matrix, vector, size
-
-
-def test_the_reduced_step_is_that_of_the_whole_system(exact) -> None:
-    at = moved(exact)
-    matrix, vector, size = whole(at)
-    expected = -np.linalg.solve(matrix, vector)
-    system = system_of(at)
-    step = -np.linalg.solve(system.matrix, system.vector)
-    scale = np.abs(expected).max()
-    assert step == pytest.approx(expected[:size], abs=1e-6 * scale)
-    features = system.features(step).T.ravel()
-    assert features == pytest.approx(expected[size:], abs=1e-6 * scale)
 
 
 def test_weights_are_slopes_of_the_cost() -> None:

@@ -34,11 +34,6 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude
 DEVIATIONS = 4.0
 
 
-def last_of(drive: StudyTrial) -> int:
-    """Return the number of the last view."""
-    return len(drive.views) - 1
-
-
 def near_truth(said: MapLocalization | None, truth: np.ndarray, scale: float = 1.0) -> bool:
     """Whether x, y and heading are as near to the truth as they are said to be."""
     assert said is not None
@@ -52,7 +47,7 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
     told = replace(camera, fx=ratio * camera.fx, fy=ratio * camera.fy)
     wrong = replace(drive, settings=replace(drive.settings, camera=told))
     memory = map_after_drive(wrong)
-    geometry, last = memory.geometry, last_of(wrong)
+    geometry, last = memory.geometry, len(wrong.views) - 1
     deviation = float(np.linalg.norm(geometry.root[-SHARED + LENS]))
     assert deviation < 0.01
     assert geometry.unknowns.shared[LENS] == pytest.approx(

@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
-from visual_servo_epipolar.core.geometry.rays import rotation_level_camera
 from visual_servo_epipolar.core.mapping import projection
 from visual_servo_epipolar.core.mapping.refinement import (
     Evaluation,
@@ -112,19 +110,6 @@ def test_what_was_wrong_must_be_well_within_the_bound_to_count_again(exact) -> N
     assert judge_matches(replace(exact, trusted=trusted)).trusted[0]
 
 
-def test_root_and_feature_covariance_are_those_of_the_equations(memory) -> None:
-    geometry = memory.geometry
-    covariance = np.linalg.inv(geometry.system.matrix)
-    scale = np.sqrt(np.diag(covariance))
-    root = geometry.root / scale[:, None]
-    assert root @ root.T == pytest.approx(covariance / np.outer(scale, scale), abs=1e-5)
-    n = 4
-    errors = geometry.system.roots[n] @ geometry.system.coupled[n]
-    own = geometry.system.roots[n] @ geometry.system.roots[n].T
-    expected = own + errors @ covariance @ errors.T
-    assert geometry.feature_covariance[..., n] == pytest.approx(expected, rel=1e-4, abs=1e-9)
-
-
 def test_a_feature_behind_the_cameras_is_wrong_however_well_it_fits(exact) -> None:
     near, tangent_basis = exact.unknowns.inverse_depth.copy(), exact.window.tangent_basis.copy()
     near[[0, 1]] = [-near[0], -1e-9]
@@ -145,27 +130,6 @@ DEPTHS = np.random.default_rng(2).uniform(0.1, 1.0, 9)  # inverse
 STEP = 1e-6
 ANGLE = st.floats(-0.5, 0.5)
 VIEWS = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, 0.5), st.floats(-3.0, 3.0), ANGLE, ANGLE)
-
-
-def seen(photograph, unknowns, view):
-    """Return features as DESIGN has it: levelled, moved and turned by the core's own matrices."""
-    x, y, heading, tilt, roll = view
-    upright = photograph @ rotation_level_camera(*unknowns.shared[:2]).T
-    points = upright / unknowns.inverse_depth[:, None] - [x, 0.0, y]
-    back = rotation_desired_current(heading) @ rotation_level_camera(tilt, roll)
-    return points @ back
-
-
-@given(view=VIEWS, tilt=ANGLE, roll=ANGLE)
-@settings(max_examples=25, deadline=None)
-def test_features_lie_where_the_conventions_of_the_core_say(view, tilt, roll) -> None:
-    photograph, shared, near = RAYS[:9], np.array([tilt, roll, 0, 0, 0]), DEPTHS
-    unknowns = Unknowns(np.array([view]), shared, np.zeros((2, 9)), near)
-    tangents = tangent_basis_of(photograph, np.ones(9))
-    structure = projection.structure_of(photograph, tangents, unknowns)
-    points = projection.turns_of(unknowns.views) @ projection.points_of(structure, unknowns.views)
-    expected = seen(photograph, unknowns, view) * unknowns.inverse_depth[:, None]
-    assert points[0].T == pytest.approx(expected, abs=1e-12)
 
 
 @given(view=VIEWS, tilt=ANGLE, roll=ANGLE, lens=st.floats(-0.2, 0.2))
@@ -203,34 +167,10 @@ def test_what_would_lie_behind_its_ray_is_far_off(exact) -> None:
     assert behind.min() == projection.OPPOSITE
 
 
-IDS = st.lists(st.integers(0, 39), max_size=12, unique=True)
-
-
 def observations(ids) -> FeatureObservations:
     """Return observations of rays that tell their ids."""
     ids = np.array(ids, np.int64)
     return FeatureObservations(ids, RAYS[ids], RAYS[ids][:, ::-1], np.full((len(ids), 2), 1e-3))
-
-
-@given(views=st.lists(IDS, min_size=1, max_size=5), others=IDS)
-@settings(max_examples=40, deadline=None)
-def test_every_sighting_stands_where_its_feature_does(views, others) -> None:
-    window = EMPTY
-    for ids in views:
-        window = window.with_view(observations(ids), np.zeros(2))
-    assert len(window) == len(views)
-    assert sorted(window.ids) == sorted(set().union(*views))
-    for k, ids in enumerate(views):
-        assert set(window.ids[window.seen[k]]) == set(ids)
-        shown = window.seen[k]
-        assert window.rays[k][:, shown].T == pytest.approx(RAYS[window.ids[shown]])
-    assert window.photograph == pytest.approx(RAYS[window.ids][:, ::-1])
-    rows = window.rows_of(np.array(others, np.int64))
-    ids = window.ids.tolist()
-    assert rows.tolist() == [ids.index(it) if it in ids else -1 for it in others]
-    kept = window.ids % 2 == 0
-    fewer = window.of_features(kept).without_view(0)
-    assert fewer.seen.tolist() == window.seen[1:, kept].tolist()
 
 
 def test_the_noise_of_the_photograph_is_the_mean_of_what_views_show_of_it() -> None:

@@ -20,7 +20,14 @@ from servo_states import (
     TWO_VIEWS,
 )
 
-from visual_servo_epipolar.core.estimate.extrinsics import MAX_CONTRADICTIONS, YAW
+from visual_servo_epipolar.core.estimate.extrinsics import (
+    CORRELATION,
+    MAX_CONTRADICTIONS,
+    moved,
+    PSI,
+    update_extrinsics,
+    YAW,
+)
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.memory import yaw_learnt
@@ -32,8 +39,6 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.supervisor import advance
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 from visual_servo_epipolar.core.twoview.perceive import Perception
-
-# Contradictions
 
 
 def contradicted(phase: Phase) -> ServoState:
@@ -61,9 +66,6 @@ def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:
     state = then(contradicted(Phase.ZEROING_EPIPOLES), sight(bearings=turned))
     assert state.phase is not Phase.HOLDING
     assert state.identified.extrinsics.contradictions == MAX_CONTRADICTIONS - 1
-
-
-# A yaw that is learnt on the way
 
 
 NEAR_ZERO = 0.05  # abscissa at which e_au is held: the spiral ends too near the goal
@@ -123,9 +125,6 @@ def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
     assert yaw_learnt(state.measurement, state) == pytest.approx(math.radians(2.0))
 
 
-# The update by a measurement
-
-
 def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:
     settings = replace(SETTINGS, camera_yaw=0.1, camera_forward=0.3)
     state = then(ServoState(), sight(), settings)
@@ -172,3 +171,19 @@ def test_a_belief_survives_where_nothing_is_seen() -> None:
     state = then(in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(2.0)), blind)
     assert state.phase is Phase.HOLDING
     assert state.identified.extrinsics.mount[0] == pytest.approx(math.radians(2.0))
+
+
+@pytest.mark.parametrize(('count', 'contradicts'), [(12, False), (13, True)])
+def test_more_than_twelve_contradictions_disprove_a_geometry(count, contradicts) -> None:
+    assert ranged(contradictions=count).contradicts == contradicts
+
+
+@pytest.mark.parametrize(('deviations', 'faults'), [(5.9, 0), (6.1, 5)])
+def test_a_bearing_six_deviations_off_begins_the_path_anew(deviations: float, faults: int) -> None:
+    before, deviation, heading = ranged(), 0.01, BEARINGS.heading_error
+    there = moved(replace(before, travel=0.05), heading)
+    variance = there.covariance[PSI, PSI] + CORRELATION * deviation**2
+    psi = float(there.mean[PSI]) + deviations * math.sqrt(variance)
+    odd = sight(bearings=Bearings(psi, psi - BEARINGS.psi + BEARINGS.phi), deviation=deviation)
+    after = update_extrinsics(before, odd, 0.05, missed=False)
+    assert after.contradictions == faults

@@ -1,17 +1,28 @@
-"""Interruptions: whatever comes from outside leaves a robot that stands, in the right phase."""
+"""Interruptions leave a robot that stands, in the right phase; how it resumes after them."""
 
+from dataclasses import replace
+import math
+
+import numpy as np
 import pytest
-from servo_states import in_phase, PHASES, sight
+from servo_states import BEARINGS, in_phase, PHASES, seeing, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.goal import Goal, NO_GOAL
-from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.standing import RESUMING_FRAMES
+from visual_servo_epipolar.core.odometry.legs import Leg
 from visual_servo_epipolar.core.rigs.rig import AT_REST, Command
 from visual_servo_epipolar.core.servo.run import change_goal, interrupted, Interruption, Run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.supervisor import classify, update
+from visual_servo_epipolar.core.twoview.estimator import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.twoview.memory import fresh_memory
 from visual_servo_epipolar.core.twoview.observation import observe
+from visual_servo_epipolar.core.twoview.perceive import Perception
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rigs import SimulatedRig
@@ -100,3 +111,77 @@ def test_without_the_angles_of_its_head_a_robot_stands(told: bool) -> None:
         session = session.decide(seen, settings).update_map()
     assert (session.state.twist != STANDSTILL) is told
     assert told or session.state.phase is Phase.WAITING
+
+
+THERE = sight()
+LONG = RESUMING_FRAMES * SETTINGS.arrival_frames
+
+
+def held(turned: float, frames: int, before: float | None = None) -> Event:
+    heading = THERE.heading_error - turned if before is None else before
+    state = in_phase(Phase.HOLDING, measurement=THERE, settled=frames, trusted_heading=heading)
+    return classify(state, SETTINGS)
+
+
+@pytest.mark.parametrize('turned', [0.0, 0.9, -0.9, 2.0 * math.pi])
+def test_a_robot_that_stands_as_it_stood_goes_on_soon(turned: float) -> None:
+    assert held(turned, RESUMING_FRAMES - 1) is Event.NOTHING
+    assert held(turned, RESUMING_FRAMES) is not Event.NOTHING
+    assert held(turned, RESUMING_FRAMES, before=math.nan) is not Event.NOTHING  # it never drove
+
+
+@pytest.mark.parametrize('turned', [1.1, -2.4, math.pi])
+def test_one_that_was_turned_has_to_show_it_for_longer(turned: float) -> None:
+    """In mirrored images three in a row may agree on a geometry; somebody may turn the robot."""
+    assert held(turned, LONG - 1) is Event.NOTHING
+    assert held(turned, LONG) is not Event.NOTHING
+
+
+def seen(state: ServoState, **changes: object) -> float:
+    measurement = sight(2, **changes)
+    perception = Perception(measurement, fresh_memory(SETTINGS))
+    return update(state, perception, 0.1, SETTINGS).measurement.trusted_heading
+
+
+def test_the_heading_is_that_of_trusted_sights_of_who_drives() -> None:
+    driving = in_phase(Phase.MATCHING_FEATURES)
+    assert seen(driving) == THERE.heading_error
+    known, before = seeing(driving, trusted_heading=THERE.heading_error), THERE.heading_error
+    assert seen(known, heading_error=before + 0.5) != before
+    assert seen(known, heading_error=before + 1.5) == before
+    assert seen(known, bearings=None, parallax=1.0) == before
+    held = in_phase(Phase.HOLDING, trusted_heading=0.7)
+    assert seen(held) == 0.7
+
+
+ASIDE = replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0)
+NO_ESTIMATE = sight(bearings=None, difference=math.nan, reason='two geometries fit')
+
+
+def test_backing_off_goes_on_counting_after_tracks_were_lost() -> None:
+    state = then(in_phase(Phase.RETREATING, travel=-9.5, reversed=9.5), NO_ESTIMATE)
+    assert state.phase is Phase.HOLDING
+    aside = sight(2, bearings=ASIDE)
+    for number in range(RESUMING_FRAMES):
+        assert state.phase is Phase.HOLDING
+        state = then(state, replace(aside, stamp_ns=sight(2 + number).stamp_ns))
+    assert state.phase is Phase.RETREATING
+    assert (state.run.travel, state.motion.reversed) == (pytest.approx(-9.5), 9.5)
+
+
+def test_who_backs_off_begins_a_way_of_his_own() -> None:
+    aside = sight(bearings=ASIDE)
+    leg = Leg(0.3, 1.0)
+    state = then(in_phase(Phase.ZEROING_EPIPOLES, leg=leg), aside)
+    assert state.phase is Phase.RETREATING
+    assert state.law.leg is None
+
+
+def test_an_estimator_without_covariance_tells_nothing_of_the_mount() -> None:
+    settings = replace(SETTINGS, camera_forward=0.2, camera_yaw=0.1)
+    blind = {'deviation': math.nan, 'covariance': UNKNOWN_COVARIANCE}
+    state = ServoState()
+    for frame in range(1, 30):
+        state = then(state, sight(frame, **blind), settings)
+        assert np.isfinite(state.identified.extrinsics.mean).all()
+    assert state.phase is not Phase.HOLDING

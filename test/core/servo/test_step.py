@@ -259,12 +259,11 @@ def test_features_that_match_for_long_enough_are_an_arrival() -> None:
     assert (state.phase, state.settling.settled) == (Phase.MATCHING_FEATURES, 1)
 
 
-def missed(seconds: float) -> Measurement:
-    return replace(at_goal(seconds), parallax=2.0 / 769.0, feature_error=20.0 / 769.0)
-
-
 def test_a_miss_backs_off_for_another_attempt_and_fails_in_the_last() -> None:
-    frames = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    frames = [
+        replace(at_goal(0.1 * k), parallax=2.0 / 769.0, feature_error=20.0 / 769.0)
+        for k in range(1, SETTINGS.arrival_frames + 1)
+    ]
     state = after(*frames, state=in_phase(Phase.MATCHING_FEATURES))
     assert (state.phase, state.run.attempts) == (Phase.RETREATING, 2)
     assert state.twist.linear == pytest.approx(-SETTINGS.retreat_speed)

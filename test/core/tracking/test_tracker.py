@@ -6,11 +6,13 @@ import cv2
 from durations import few_of
 import numpy as np
 import pytest
+from small_cameras import sized
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, Twist
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.cameras import CameraSettings
 
 SETTINGS = TrackerSettings()
 
@@ -147,3 +149,8 @@ def test_features_that_no_descriptor_finds_are_found_beside_others(world, approa
         assert np.nanmedian(errors(world, replace(features, **pixels), pose)) < 1.2
         counts.append(len(features))
     assert counts[0] < counts[1]
+
+
+@pytest.fixture(scope='module')
+def world() -> CameraSimulator:
+    return CameraSimulator(CameraSettings(**sized(640, 480, 384.6, 319.5, 239.5)))
