@@ -1,7 +1,6 @@
 """Named variants, our own and those of other packages: found, checked, named where broken."""
 
 from importlib.metadata import EntryPoint
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -66,11 +65,7 @@ def test_a_broken_variant_is_named(variants: Registry[float], name: str, message
     ids=['runtime', 'syntax', 'name', 'key', 'import'],
 )
 def test_what_foreign_modules_raise_is_a_line(
-    code: str,
-    reason: str,
-    tmp_path: Path,
-    request: pytest.FixtureRequest,
-    monkeypatch: pytest.MonkeyPatch,
+    code, reason, tmp_path, request, monkeypatch
 ) -> None:
     module = f'foreign_{request.node.callspec.id}'  # one that no other test has imported
     (tmp_path / f'{module}.py').write_text(code)

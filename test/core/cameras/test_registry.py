@@ -54,16 +54,10 @@ def test_whatever_stands_where_zeros_must_is_refused(matrix, name, data, value) 
         checked_matrix(rows.ravel(), name)
 
 
-@pytest.mark.parametrize(
-    'rows',
-    [
-        *(K * [[1.0], [1.0], [factor]] for factor in (0.0, 1e-300, 1e-12)),  # hardly there
-        *(K[::-1], K[:, ::-1], np.roll(K, 1, axis=0)),
-    ],
-)
-def test_another_factor_or_order_is_refused(rows: np.ndarray) -> None:
+@pytest.mark.parametrize('factor', [0.0, 1e-300, 1e-12])
+def test_a_last_row_that_is_hardly_there_is_refused(factor: float) -> None:
     with pytest.raises(ValueError, match='the rows of K must be'):
-        checked_matrix(rows.ravel())
+        checked_matrix((K * [[1.0], [1.0], [factor]]).ravel())
 
 
 @pytest.mark.parametrize(
@@ -163,12 +157,8 @@ def test_what_no_camera_is_is_refused(kind, change, message) -> None:
     [
         (0.25, '160x120'),
         (1 / 3, '213x160'),
-        (0.5, '320x240'),
-        (0.75, '480x360'),
         (1.25, '800x600'),
-        (2.0, '1280x960'),
         (3.0, '1920x1440'),
-        (4.0, '2560x1920'),
     ],
 )
 def test_k_of_another_resolution_names_it(camera, scale, other) -> None:

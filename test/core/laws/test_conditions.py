@@ -133,17 +133,19 @@ def test_no_base_is_asked_for_less_than_it_can_move(mode, frames) -> None:
         assert asked(facing_bound, state, sure, turning) == pytest.approx(hops * 0.2 * 0.05)
 
 
+NEAR = sight(
+    offset=(0.0, 0.0),
+    heading_deviation=0.0,
+    difference_slope=0.06,
+    difference_deviation=0.0,
+    difference=0.9 * SETTINGS.arrival_difference,
+    parallax=0.0,
+)
+
+
 def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
     """A base may be unable to come as near as a memory of views can tell."""
-    exact = sight(
-        offset=(0.0, 0.0),
-        heading_deviation=0.0,
-        difference_slope=0.06,
-        difference_deviation=0.0,
-        difference=0.9 * SETTINGS.arrival_difference,
-        heading_error=0.9 * SETTINGS.arrival_heading,
-        parallax=0.0,
-    )
+    exact = replace(NEAR, heading_error=0.9 * SETTINGS.arrival_heading)
     for phase in (Phase.MATCHING_FEATURES, Phase.ORIENTING):
         state = in_phase(phase, measurement=exact)
         assert not is_settled(state, SETTINGS)
@@ -156,15 +158,7 @@ def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
 
 
 def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
-    near = sight(
-        stamp_ns=10**9,
-        offset=(0.0, 0.0),
-        heading_deviation=0.0,
-        difference_slope=0.06,
-        difference_deviation=0.0,
-        difference=0.9 * SETTINGS.arrival_difference,
-        parallax=0.0,
-    )
+    near = replace(NEAR, stamp_ns=10**9)
     state = in_phase(Phase.MATCHING_FEATURES, measurement=replace(near, stamp_ns=0))
     without = replace(SETTINGS, memory=False)
     state = update(state, Perception(near, fresh_memory(without)), 0.25, without)

@@ -6,32 +6,13 @@ import math
 import pytest
 from servo_states import asked, behind, goal, in_phase, seeing, SETTINGS, sight
 
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
-from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.arrival import hysteresis
-from visual_servo_epipolar.core.laws.conditions import offset_ratio
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.two_steps import escape_bound, leads_away, MOST_RESTARTS
-from visual_servo_epipolar.core.odometry.legs import LEAST_LOOK_AHEAD, LEAST_REMEMBERED, look_ahead
 from visual_servo_epipolar.core.servo.supervisor import classify, switch_phase
 
 STATE = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
 REMEMBERED = sight(offset=(0.0, -1.4), offset_deviation=1e-3)
-
-
-@pytest.mark.parametrize('distance', [0.3, 1.0, 2.2, 4.0])
-@pytest.mark.parametrize('seen', [REMEMBERED, sight()], ids=['map', 'two views'])
-def test_an_offset_shrinks_by_as_much_as_line_following_leaves_of_it(seen, distance) -> None:
-    """Driven with the look-ahead of each moment; the law is damped less than critically."""
-    least = LEAST_LOOK_AHEAD if seen.offset is None else LEAST_REMEMBERED
-    pose, step = Pose(0.01, -distance, 0.5 * math.pi), 1e-3
-    largest = SETTINGS.look_ahead
-    while pose.y < 0.0:
-        length = look_ahead(-pose.y, largest, least=least)
-        heading = pose.theta - 0.5 * math.pi
-        twist = equations.follow_line(1.0, pose.x, heading, look_ahead=length)
-        pose = integrate(pose, Twist(1.0, twist.angular), step)
-    assert abs(pose.x) <= 0.01 * 2.5 * offset_ratio(distance, seen, SETTINGS)
 
 
 @pytest.mark.parametrize('chi', [0.06, -0.06])

@@ -9,7 +9,6 @@ from servo_states import goal, in_phase, SETTINGS, sight
 from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws.conditions import (
-    is_far_enough,
     KNOWN,
     LAST_LOOK_AHEAD,
     leads_home,
@@ -101,18 +100,12 @@ def test_a_retreat_ends_where_a_line_leads_home_or_where_there_is_room() -> None
     assert event(at(0.001, -0.24)) is Event.ALIGNED
     assert event(at(0.05, 0.01 - ROOM)) is Event.NOTHING
     assert event(at(0.05, -ROOM)) is Event.APART
-    # Two views alone have to see more of it.
-    assert event(replace(at(0.05, -ROOM), offset=None)) is Event.NOTHING
-
-
-def test_a_memory_of_views_needs_less_room() -> None:
-    assert is_far_enough(at(0.0, -ROOM), SETTINGS)
-    assert not is_far_enough(at(0.0, -ROOM + 0.01), SETTINGS)
     # Before a wall its place is not known yet, though a number is told.
-    assert not is_far_enough(replace(at(0.0, -ROOM), deviation=2.0 * KNOWN), SETTINGS)
-    unknown = replace(at(0.0, -0.5), offset=None)
-    assert not is_far_enough(unknown, SETTINGS)
-    assert is_far_enough(replace(unknown, difference=-SETTINGS.retreat_difference), SETTINGS)
+    assert event(replace(at(0.05, -ROOM), deviation=2.0 * KNOWN)) is Event.NOTHING
+    # Two views alone have to see more of it.
+    alone = replace(at(0.05, -ROOM), offset=None)
+    assert event(alone) is Event.NOTHING
+    assert event(replace(alone, difference=-SETTINGS.retreat_difference)) is Event.APART
 
 
 def test_who_missed_twice_takes_a_longer_run_up() -> None:

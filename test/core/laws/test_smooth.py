@@ -17,13 +17,10 @@ from visual_servo_epipolar.core.goal import Goal
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.smooth import approach, APPROACHING, back_off, ONE_MOTION
 from visual_servo_epipolar.core.laws.steering import (
-    aim,
     goes_around,
     goes_around_in_view,
     leads_around,
     polar_pose,
-    share_left,
-    visible_aim,
 )
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.servo.run_log import summarise
@@ -245,7 +242,6 @@ def test_near_the_goal_and_facing_it_the_line_is_followed() -> None:
     assert not goes_around(1.0, 1.0, 0.0, sight(view_margins=(1.0, 1.0)))
 
 
-STEP = 1e-3
 PINHOLE, HEAD = (0.35, 0.35), (2.2, 2.2)  # margins of a view that faces the goal [rad]
 CAR = replace(SETTINGS, base='car', max_curvature=1.667)
 ON_A_HEAD = from_document(
@@ -255,25 +251,6 @@ ON_A_HEAD = from_document(
 
 def facing(margins: tuple[float, float]) -> Measurement:
     return sight(heading_error=0.0, view_margins=margins)
-
-
-def driven_straight(phi: float, heading: float) -> float:
-    """Return the distance at which a straight line from a metre away meets the aim of delta."""
-    x, y = -math.sin(phi), -math.cos(phi)
-    for _ in range(4000):
-        pose = polar_pose(x, y, heading)
-        if pose.delta < aim(pose.phi):
-            return pose.distance
-        x, y = x - STEP * math.sin(heading), y + STEP * math.cos(heading)
-    return math.nan
-
-
-@pytest.mark.parametrize(('degrees', 'edge'), [(70.0, 100.0), (90.0, 115.0), (60.0, 95.0)])
-def test_what_is_left_of_the_distance_is_that_of_a_straight_line(degrees, edge) -> None:
-    phi, edge = math.radians(degrees), math.radians(edge)
-    share = share_left(phi, (-edge, edge))
-    assert share == pytest.approx(driven_straight(phi, -edge), abs=5e-3)
-    assert share == share_left(-phi, (-edge, edge))
 
 
 def test_a_head_leads_around_from_beside_and_not_from_ahead_of_the_goal() -> None:
@@ -321,14 +298,6 @@ def test_ahead_of_its_goal_a_wide_view_backs_off_on_one_arc(x: float, y: float) 
         turns.append(twist.angular)
     assert y <= 0.2 and abs(x) < 0.1
     assert np.count_nonzero(np.diff(np.sign(turns))) <= 1
-
-
-def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> None:
-    margins = 0.2, 4.2  # turned left as far as it sees
-    held = visible_aim(-2.0, 1.5, margins)
-    assert held == -2.0  # 3.5 rad to the right, not 2.8 to the left
-    assert visible_aim(1.0, 1.5, margins) is None
-    assert visible_aim(2.5, 1.5, (0.2, 0.3)) == pytest.approx(1.7)
 
 
 @pytest.mark.parametrize('side', [1.0, -1.0])

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.factors import Factors, factors_of
+from visual_servo_epipolar.core.mapping.factors import factors_of
 from visual_servo_epipolar.core.mapping.refinement import (
     Geometry,
     OUTLIER,
@@ -56,16 +56,6 @@ def test_derivatives_are_those_of_the_cost(exact) -> None:
         nothing = np.zeros((3, len(at.inverse_depth)))
         there, back = (factors.cost(at.moved(sign * step, nothing)) for sign in (1.0, -1.0))
         assert 2.0 * vector[index] == pytest.approx((there - back) / 2e-6, rel=1e-3, abs=1e-2)
-
-
-def test_what_views_share_of_their_attitude_is_the_mount_the_rest_the_floor() -> None:
-    mount = Attitude(0.0, 0.0, 0.03, 0.03, jitter=0.002)
-    information = Factors(mount, 3, 1.0, 0.05).information
-    tilts = [3, 8, 13, 15, 18]  # of three views, the photograph, the mount
-    covariance = np.linalg.inv(information[np.ix_(tilts, tilts)])
-    assert covariance[0, 0] == pytest.approx(0.03**2 + 0.002**2)
-    assert covariance[0, 3] == pytest.approx(0.03**2)
-    assert covariance[4, 4] == pytest.approx(0.03**2)
 
 
 def test_a_short_way_tells_little_of_the_scale(exact) -> None:

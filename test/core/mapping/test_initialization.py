@@ -8,18 +8,14 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.wall import exchanged_bearings
-from visual_servo_epipolar.core.mapping import initialization
 from visual_servo_epipolar.core.mapping.initialization import (
     held_views,
     initial_geometry,
     is_sound,
     is_sure,
-    LIKELY,
     orient_ahead,
     Start,
-    triangulate,
 )
 from visual_servo_epipolar.core.mapping.refinement import Geometry
 from visual_servo_epipolar.core.mapping.window import EMPTY, KeyframeWindow, MapSettings
@@ -39,11 +35,6 @@ def begun(drive: StudyTrial) -> tuple[KeyframeWindow, list[Start]]:
     for k, view in enumerate(drive.views):
         window = window.with_view(drive.observations(k), view[:2])
     return window, [start_at(view, k) for k, view in enumerate(drive.views)]
-
-
-def test_depths_are_those_of_the_places(exact) -> None:
-    near = triangulate(exact.window, exact.unknowns, np.ones(14, bool))
-    assert near == pytest.approx(exact.unknowns.inverse_depth, rel=1e-4)
 
 
 @pytest.mark.parametrize('off', [0.0, 0.05, -0.2])
@@ -133,18 +124,6 @@ def test_before_a_wall_false_bearings_begin_no_false_geometry(seed: int) -> None
     geometry = initial_geometry(window, starts, drive.mount, MapSettings())
     if geometry is not None:
         assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:4, :3], abs=0.1)
-
-
-@pytest.mark.parametrize(('times', 'margin'), [(1, LIKELY), (2, CONTRADICTING)])
-def test_bearings_without_a_rival_tell_as_well(times: int, margin: float, monkeypatch) -> None:
-    places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.1], [0.5, -2.2, 0.2]])
-    drive = trial(StudySettings(points=90, wall=True, wrong=0.0), 0, places)
-    window, starts = begun(drive)
-    starts += (times - 1) * starts[2:]
-    asked = []
-    monkeypatch.setattr(initialization, 'is_rival', lambda *pair: asked.append(pair[2]))
-    initial_geometry(window, starts, drive.mount, MapSettings())
-    assert set(asked) == {margin}
 
 
 def homography(place: np.ndarray, heading: float, wall: np.ndarray) -> np.ndarray:

@@ -115,9 +115,7 @@ def test_a_map_by_the_alternative_motion_and_back_is_as_before(drive) -> None:
 
 
 @pytest.mark.parametrize('at', [0, 1, 9])
-def test_the_alternative_scale_holds_for_the_whole_way_whenever_it_is_chosen(
-    drive, at: int
-) -> None:
+def test_the_alternative_scale_holds_for_the_whole_way_whenever_it_is_chosen(drive, at) -> None:
     late = remembered(drive, swapped_at=at)
     assert whole(late) / float(late.window.ways.sum()) == pytest.approx(1.0, rel=0.02)
     depth = remembered(drive).geometry.depth

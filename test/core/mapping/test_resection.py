@@ -75,16 +75,6 @@ def test_own_noise_is_what_views_draw_anew(exact_drive, last, times: float) -> N
     assert ratio[:3] == pytest.approx(1.0, abs=0.25 if times > 1.0 else 0.15)
 
 
-def test_own_noise_is_a_part_of_the_whole(drive, memory) -> None:
-    anchors, seen = seen_by(drive, memory.geometry, 14)
-    found, _ = resect(
-        memory.geometry, anchors, seen, fit_pose(anchors, seen, drive.views[13]), NOTHING
-    )
-    rest = found.covariance - found.own
-    scale = np.sqrt(np.diag(found.covariance))
-    assert np.linalg.eigvalsh(rest / np.outer(scale, scale)).min() > -1e-6
-
-
 @pytest.mark.parametrize('turn', [-0.6, 0.5, 2.5])
 def test_after_a_push_it_starts_at_the_keyframe_most_alike(exact_drive, exact, last, turn) -> None:
     _, anchors, seen = last

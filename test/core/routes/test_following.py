@@ -135,15 +135,6 @@ def test_without_a_view_the_robot_slows_down_on_the_same_curve() -> None:
     assert np.abs(np.diff(turns)).max() < 0.05 * SETTINGS.max_turn_rate
 
 
-def test_the_curve_stays_the_same_where_the_base_cannot_slow_down_as_fast() -> None:
-    """As where the view is unsure by centimetres: a quarter of the speed, at once."""
-    arc = replace(straight(0.0), curvatures=np.full(21, 0.9))
-    follower = follower_on(arc, key_view(0))
-    follower.estimate.covariance[0, 0] = 0.12**2
-    after = follower._wanted(None, 0.04)
-    assert 0.4 < after.linear < 0.5 and after.angular == pytest.approx(0.9 * after.linear)
-
-
 DT = 1.0 / 11.0
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from servo_states import (
     BEARINGS,
-    estimated,
     in_phase,
     learnt_yaw,
     MEMORY,
@@ -116,13 +115,6 @@ def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees, attempts, phase) -> N
     state = then(matching, sight(bearings=None, **at_goal), TWO_VIEWS)
     assert state.phase is phase
     assert state.run.attempts == attempts + (phase is Phase.RETREATING)
-
-
-def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
-    unmoved = estimated(ServoState().changed(extrinsics=learnt_yaw(2.0)))
-    assert yaw_learnt(unmoved.measurement, unmoved) == 0.0
-    state = estimated(ServoState().changed(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3)))
-    assert yaw_learnt(state.measurement, state) == pytest.approx(math.radians(2.0))
 
 
 def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:

@@ -105,9 +105,7 @@ def test_a_train_of_pulses_after_which_the_robot_stands_as_before_shows_a_dead_b
 
 
 @pytest.mark.parametrize(('turned', 'raised'), [(0.0, True), (0.5, False)])
-def test_a_turn_after_which_the_heading_is_as_before_shows_a_dead_band(
-    turned: float, raised: bool
-) -> None:
+def test_a_turn_after_which_the_heading_is_as_before_shows_a_dead_band(turned, raised) -> None:
     state = seeing(stood([1e-3] * 8), dead_band=DeadBand(angular=Threshold(0.03)))
     sent, first = state.motion.sent, 1 + SEEN + 8
     for frame in range(first, first + 3 + SEEN + BANDED.arrival_frames):

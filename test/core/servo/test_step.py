@@ -176,9 +176,6 @@ def test_d_hat_starts_at_its_floor_if_told_to_start_below() -> None:
     assert after(measurement(), settings=settings).motion.distance >= settings.min_distance
 
 
-# The road
-
-
 def test_law_full_displaces_the_current_epipole_to_the_discordant_side() -> None:
     state = after(measurement(current=0.2, desired=0.3))
     assert state.law.target < 0.0
@@ -289,9 +286,6 @@ def test_a_pure_rotation_is_turned_back_and_left_to_the_second_step() -> None:
     assert after(*turned, state=state).phase is Phase.MATCHING_FEATURES
 
 
-# The field of view
-
-
 def test_the_displaced_epipole_keeps_the_features_in_view() -> None:
     free = measurement(current=0.1, desired=-0.2)
     assert displacement(free, SETTINGS) == pytest.approx(0.215, abs=0.001)
@@ -316,9 +310,6 @@ def test_backing_off_turns_no_further_than_the_view_allows() -> None:
     assert turning.linear == 0.0
     blocked = replace(beside, view_margins=(0.01, math.inf))
     assert after(blocked, state=in_phase(Phase.RETREATING)).twist.linear < 0.0
-
-
-# The latch
 
 
 @pytest.mark.parametrize(
@@ -353,9 +344,6 @@ def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
     slow = after(measurement(0.1, desired=-0.0499), state=running)
     fast = after(measurement(0.1, desired=-0.03), state=running)
     assert abs(fast.twist.linear) < abs(slow.twist.linear)
-
-
-# Loss, time, stop
 
 
 @pytest.mark.parametrize('phase', DRIVING)

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.warps import Warps
 
 SHIFT = np.array([1.6, -0.7])  # px
-SMALL = 320, 240  # px
 
 
 def scene(shift: np.ndarray | None = None, size: tuple[int, int] = (640, 480)) -> np.ndarray:
@@ -39,14 +38,6 @@ def warps(offset: np.ndarray, first: int = 0, desired: np.ndarray | None = None)
     desired = grid() if desired is None else desired
     ids, affine = first + np.arange(len(desired)), np.tile(np.eye(2), (len(desired), 1, 1))
     return Warps(ids, desired, desired + offset, affine)
-
-
-def test_a_small_image_is_aligned_to_the_last_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    anchor, image = Anchor(scene(size=SMALL)), float_image(scene(SHIFT, SMALL))
-    as_it_is = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
-    monkeypatch.setattr(alignment, 'CONVERGED', 0.0)
-    whole = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
-    np.testing.assert_array_equal(as_it_is.warps.current, whole.warps.current)
 
 
 def test_the_coarse_flow_is_near_enough_to_be_aligned() -> None:

@@ -23,24 +23,14 @@ from visual_servo_epipolar.core.tracking.robust_geometry import (
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.cameras import CameraSettings
 
-# Current and desired pixels of ten matches for which OpenCV 5.0.0 asserts `!model.empty()`.
-TEN = """
-9.5 72.2 14.2 112.9; 47.6 78.9 51.1 66.3; 98.2 104.8 110.8 98.0; 43.7 113.4 130.3 106.6;
-147.4 83.2 176.9 64.5; 159.9 118.3 193.7 112.8; 181.6 114.6 229.7 106.6; 194.3 104.4 248.1 92.4;
-221.8 130.4 295.9 132.4; 226.3 79.8 302.2 52.6
-"""
 
-
-# For these OpenCV 5 raised as well, in the first random draws of which it did.
-@pytest.mark.parametrize('seed', [None, 6589, 8225, 9585, 12109])
-def test_few_matches_close_to_the_goal_never_raise(seed: int | None) -> None:
+# For these OpenCV 5.0.0 asserts `!model.empty()`.
+@pytest.mark.parametrize('seed', [6589, 8225, 9585, 12109])
+def test_few_matches_close_to_the_goal_never_raise(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = int(rng.integers(8, 14))
     current = rng.uniform(0.0, 320.0, (count, 2))
     desired = current + rng.normal(0.0, 1.0, (count, 2))
-    if seed is None:
-        matches = np.array([row.split() for row in TEN.split(';')], dtype=np.float64)
-        current, desired = matches[:, :2], matches[:, 2:]
     geometry, inliers = epipolar_geometry(current, desired)
     assert inliers.shape == (len(current),)
     assert geometry is not None or not inliers.any()  # other versions may find one

@@ -33,16 +33,6 @@ def solve(cell: Cell, trial: int, prior: Prior) -> tuple[Estimate, float]:
     return found, error(found.bearings, pair.bearings)
 
 
-@pytest.mark.parametrize('trial', range(4))
-def test_tilt_and_roll_are_found_from_one_pair(trial: int) -> None:
-    cell = Cell(baseline=3.0, points=60, noise=0.02, tilt=1.0, roll=0.5)
-    found, _ = solve(cell, trial, Prior(Attitude(jitter=0.0)))
-    assert found.attitude is not None
-    # Four of the deviations that 60 points leave at 0.02 px; at 0.3 px and 26 they are 0.1 deg.
-    assert math.degrees(found.attitude.tilt) == pytest.approx(1.0, abs=0.05)
-    assert math.degrees(found.attitude.roll) == pytest.approx(0.5, abs=0.05)
-
-
 def test_the_deviations_of_tilt_and_roll_are_those_of_their_errors() -> None:
     ratios = []
     for trial in range(40):
