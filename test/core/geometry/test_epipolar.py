@@ -140,14 +140,6 @@ def test_rays_behind_the_camera_obey_f_and_vote_right(pose: Pose) -> None:
         assert vote.confidence > 0.9
 
 
-def test_sampson_distances_of_many_matrices_are_those_of_each() -> None:
-    current, desired = matches(BEHIND)
-    stack = np.stack([fundamental_from_bearings(Bearings(k, 0.3)) for k in (0.1, 0.7, 2.0)])
-    together = sampson_distance(stack, current, desired)
-    alone = [sampson_distance(one, current, desired) for one in stack]
-    np.testing.assert_allclose(together, alone, rtol=1e-12)
-
-
 @given(poses(min_baseline=0.3))
 @example(BEHIND)
 @example(AHEAD)

@@ -114,6 +114,12 @@ def test_before_the_first_image_no_phase_moves_the_robot(phase: Phase) -> None:
     assert nominal_twist(ServoState().changed(phase=phase), SETTINGS) == STANDSTILL
 
 
+@pytest.mark.parametrize('phase', [Phase.DISPLACING, Phase.ZEROING_EPIPOLES])
+def test_without_bearings_there_is_nothing_to_steer_the_epipoles_by(phase: Phase) -> None:
+    state = in_phase(phase, measurement=sight(bearings=None), latched=True)
+    assert nominal_twist(state, SETTINGS) == STANDSTILL
+
+
 @pytest.mark.parametrize(
     ('phase', 'bearings'),
     [(Phase.ORIENTING, None), (Phase.ZEROING_EPIPOLES, Bearings(-math.pi / 2.0, math.pi))],

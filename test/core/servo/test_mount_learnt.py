@@ -128,11 +128,6 @@ def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:
     assert (found.psi, found.phi) == pytest.approx((expected.psi, expected.phi))
 
 
-def test_a_camera_on_the_axle_keeps_its_bearings_to_the_bit() -> None:
-    seen = then(ServoState()).measurement
-    assert (seen.bearings, seen.camera_bearings) == (BEARINGS, None)
-
-
 @pytest.mark.parametrize(
     ('latency', 'travel'), [(0.0, 0.03), (0.05, 0.02), (0.1, 0.01), (0.4, 0.01)]
 )

@@ -134,6 +134,15 @@ def test_alignment_and_search_end_for_any_warp(kind: str, places: list, affine: 
         assert np.isfinite(reacquire(predicted, warps, anchor, current).current).all()
 
 
+@pytest.mark.parametrize('kind', ['stripes', 'checks'])
+def test_contrast_without_a_slope_stays_where_it_is(kind: str) -> None:
+    picture, place = image(kind), np.full((1, 2), 40.0)
+    for off in (0.0, 0.3):
+        start = Warps(np.zeros(1, int), place, place + off, np.eye(2)[None])
+        aligned = Anchor(picture).align(start, float_image(picture), iterations=4).warps
+        assert np.isfinite(aligned.current).all()
+
+
 def test_the_flow_of_no_point_is_none() -> None:
     frame, nothing = Frame(scene()), np.empty((0, 2), np.float32)
     moved, valid = flow(frame, frame, nothing, settings=TrackerSettings())

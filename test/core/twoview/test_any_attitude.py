@@ -108,6 +108,15 @@ def test_what_was_learnt_right_is_kept_for_a_mount_of_any_attitude() -> None:
         assert with_mount.attitude == without.attitude
 
 
+def test_matches_that_coincide_are_degenerate_in_any_attitude() -> None:
+    pair = draw_pairs(LEVEL, 1, seed=7)[0]
+    for chosen in (np.zeros(30, dtype=int), np.arange(30) % 2 + 20):
+        current, desired = pair.current[chosen], pair.desired[chosen]
+        same = replace(pair, current=current, desired=desired, noise=pair.noise[chosen])
+        with pytest.raises(DegenerateGeometryError):
+            solve(same, Prior(WIDE))
+
+
 def test_a_view_that_tilts_by_a_degree_against_the_photograph_is_seen_by_another_attempt() -> None:
     cell = Cell(baseline=2.0, points=40, noise=0.3, outliers=0.2, jitter=1.0, tilt=1.0)
     rough, deviation = math.radians(cell.jitter), math.radians(1.5)
