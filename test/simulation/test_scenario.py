@@ -96,10 +96,11 @@ def test_a_bad_file_is_refused_in_one_clear_line(tmp_path: Path, text: str, mess
 
 @pytest.mark.parametrize('node', ['servo_node', '/servo_node', '/robot1/servo_node', '/**'])
 def test_ros_parameters_of_the_servo_are_its_section(tmp_path: Path, node: str) -> None:
-    text = f'base: {{slip: 0.1}}\n{node}:\n  ros__parameters: {{k1: 0.5, use_sim_time: true}}\n'
+    values = '{k1: 0.5, min_features: 15, use_sim_time: true}'  # the tracker has min_features, too
+    text = f'base: {{slip: 0.1}}\n{node}:\n  ros__parameters: {values}\n'
     scenario = load(written(tmp_path, text))
-    assert (scenario.servo, scenario.base.slip) == (replace(Scenario().servo, k1=0.5), 0.1)
-    assert scenario.tracker == Scenario().tracker
+    assert scenario.servo == replace(Scenario().servo, k1=0.5, min_features=15)
+    assert (scenario.base.slip, scenario.tracker) == (0.1, Scenario().tracker)
 
 
 def test_sections_overrule_nodes_and_a_node_overrules_all_nodes(tmp_path: Path) -> None:
@@ -226,11 +227,3 @@ def test_a_run_takes_over_what_the_scenario_says() -> None:
     assert (loop.start, loop.seed, loop.max_duration) == ((1.0, -3.0, 5.0), 4, 20.0)
     assert (loop.base, loop.servo) == (scenario.base, scenario.servo)
     assert (seeded.camera.seed, seeded.servo.seed) == (7, 7)
-
-
-def test_a_file_of_one_node_says_nothing_to_the_other(tmp_path: Path) -> None:
-    path = tmp_path / 'servo.yaml'
-    path.write_text('/**: {ros__parameters: {k1: 0.1, min_features: 15}}')
-    scenario = load(path)
-    assert (scenario.servo.min_features, scenario.servo.k1) == (15, 0.1)
-    assert scenario.tracker == Scenario().tracker

@@ -196,12 +196,14 @@ class Disturbances:
     """Disturbs images of one ``size``, width and height [px], before a sensor takes them."""
 
     def __init__(self, size: tuple[int, int], settings: DisturbanceSettings, seed: int) -> None:
-        self.settings, self._size, self._seed = settings, size, seed
+        self.settings, self._size = settings, size
         self._occluders: list[Occluder] = []
-        if settings.occlusion > 0.0:
-            self._occluders.append(board(size, settings.occlusion, self._generator(0)))
-        if settings.person > 0.0:
-            self._occluders.append(person(size, settings.person, self._generator(1)))
+        for number, (share, occluder) in enumerate(
+            ((settings.occlusion, board), (settings.person, person))
+        ):
+            if share > 0.0:
+                rng = np.random.default_rng((seed, 5, number))
+                self._occluders.append(occluder(size, share, rng))
 
     def apply(self, image: Image, frame: int) -> Image:
         """Return a disturbed copy of ``image``, shape (H, W), for ``frame``: 0, 1, ..."""
@@ -232,9 +234,6 @@ class Disturbances:
             since %= settings.disturbed_every
         share = since / settings.disturbed_for
         return share if 0.0 <= share < 1.0 else None
-
-    def _generator(self, number: int) -> np.random.Generator:
-        return np.random.default_rng((self._seed, 5, number))
 
 
 def light(settings: DisturbanceSettings, frame: int) -> float:

@@ -208,9 +208,15 @@ def teach(
     settings: TeachSettings | None = None,
     watch: Callable[[Image, int, Pose], None] = lambda image, stamp_ns, odometry: None,
 ) -> Taught:
-    """Drive along a ``way``, and return the route that is learnt; ``watch`` is shown the same."""
+    """
+    Drive along a ``way``, and return the route that is learnt; ``watch`` is shown the same.
+
+    The light is that of the photograph, and nothing has changed.
+    """
     driver = Driver(way, speed)
-    simulator = CameraSimulator(scenario.camera, None, _taught_by(scenario))
+    light = scenario.light.photograph_light
+    lit = LightSettings(light=light, photograph_light=light, exposure=scenario.light.exposure)
+    simulator = CameraSimulator(scenario.camera, None, lit)
     driven = driven_in(scenario, way.start, scenario.camera.seed)
     teacher = Teacher(scenario.camera.nominal_camera, settings)
     poses: list[Pose] = []
@@ -225,12 +231,6 @@ def teach(
         driven.drive(Command(STANDSTILL if driver.is_there else driver.twist(driven.pose)))
     route = teacher.finish()
     return Taught(route, _resampled(poses), {0: poses[0], len(route.views) - 1: poses[-1]})
-
-
-def _taught_by(scenario: Scenario) -> LightSettings:
-    """Return the light by which a route is taught: that of the photograph, of nothing changed."""
-    light = scenario.light.photograph_light
-    return LightSettings(light=light, photograph_light=light, exposure=scenario.light.exposure)
 
 
 def driven_in(scenario: Scenario, start: Pose, seed: int) -> DrivenBase:

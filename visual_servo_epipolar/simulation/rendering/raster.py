@@ -306,8 +306,9 @@ def draw_textures(scene: Scene, raster: Raster, image: Image) -> None:
         sheet, matrix = _source(scene, strip, maps[strip.surface], (left, top))
         size = width * strip.columns, height * strip.rows
         parts = cv2.warpPerspective(sheet, matrix, size, None, FLAGS, cv2.BORDER_REPLICATE)
-        mean = _averaged(np.asarray(parts, np.uint8), strip)
-        cv2.copyTo(mean, mask, image[top : top + height, left : left + width])
+        if size != (width, height):  # their mean, a half is rounded to even
+            parts = cv2.resize(parts, (width, height), interpolation=cv2.INTER_AREA)
+        cv2.copyTo(parts, mask, image[top : top + height, left : left + width])
 
 
 def _source(
@@ -330,14 +331,6 @@ def _source(
     pixels = np.diag([*(1.0 / parts), 1.0])
     pixels[:2, 2] = corner + 0.5 / parts - 0.5
     return sheet, texels @ pixel_map @ pixels
-
-
-def _averaged(parts: Image, strip: Strip) -> Image:
-    """Return the mean of the parts of each pixel; a half is rounded to even."""
-    if strip.columns == strip.rows == 1:
-        return parts
-    size = parts.shape[1] // strip.columns, len(parts) // strip.rows
-    return np.asarray(cv2.resize(parts, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def smooth_edges(scene: Scene, view: PinholeView, raster: Raster, image: Image) -> None:
