@@ -71,13 +71,6 @@ def test_an_attitude_is_known_to_the_covariance_it_is_told(one: Attitude, other:
     assert (known.tilt, known.roll, known.jitter) == (one.tilt, one.roll, one.jitter)
 
 
-@pytest.mark.parametrize('sign', [-1.0, 1.0])
-def test_a_singular_covariance_is_rounded_to_a_regular_one(sign: float) -> None:
-    known = Attitude().known_to(np.array([[4e-4, sign * 4e-4], [sign * 4e-4, 4e-4]]))
-    assert known.correlation == sign * MOST_CORRELATED
-    assert_positive_definite(known.covariance)
-
-
 @given(attitudes(ABOVE), information_matrices(ABOVE))
 def test_no_number_of_pairs_tells_more_than_twice_what_one_does(before, information) -> None:
     found = told(before, information).covariance
