@@ -23,7 +23,6 @@ from visual_servo_epipolar.simulation.closed_loop import (
     Loop,
     LoopSettings,
     period_ns,
-    published,
     RunMonitor,
     SETTLE_FRAMES,
 )
@@ -173,12 +172,6 @@ def test_the_referee_ignores_what_comes_after_the_end() -> None:
         monitor.add(sample, reason='matched', attempts=1)
     assert monitor.done
     assert len(monitor.log().samples) == SETTLE_FRAMES
-
-
-def test_a_pose_survives_its_message() -> None:
-    pose = Pose(1.0, -3.0, 2.5)
-    assert published(pose).theta == pytest.approx(2.5, abs=1e-15)
-    assert (published(pose).x, published(pose).y) == (1.0, -3.0)
 
 
 class Watched:

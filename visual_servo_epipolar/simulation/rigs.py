@@ -108,23 +108,14 @@ def _bumps(seed: int, block: int) -> FloatArray:
     return frozen(np.random.default_rng((seed, 4, block)).standard_normal((BLOCK, 2)))
 
 
-class Wave(NamedTuple):
-    """One wave of the floor, of unit height: its ``vector`` [rad/m], and its phase at the goal."""
-
-    vector: tuple[float, float]
-    phase: float
-
-
 @lru_cache(maxsize=64)
-def _waves(seed: int) -> tuple[Wave, ...]:
+def _waves(seed: int) -> tuple[tuple[float, float, float], ...]:
+    """Return waves of the floor, of unit height: a vector (x, y) [rad/m], the phase at (0, 0)."""
     rng = np.random.default_rng((seed, 10))
     numbers = 2.0 * math.pi / rng.uniform(*WAVELENGTHS_M, WAVES)
     directions, phases = rng.uniform(0.0, 2.0 * math.pi, (2, WAVES))
-    vectors = numbers[:, None] * np.stack([np.cos(directions), np.sin(directions)], axis=1)
-    return tuple(
-        Wave((x, y), phase)
-        for (x, y), phase in zip(vectors.tolist(), phases.tolist(), strict=True)
-    )
+    waves = numbers * np.cos(directions), numbers * np.sin(directions), phases
+    return tuple(zip(*(each.tolist() for each in waves), strict=True))
 
 
 def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraPose:
@@ -137,7 +128,7 @@ def on_bumps(camera: CameraPose, pose: Pose, bumps: float, seed: int) -> CameraP
     if bumps == 0.0:
         return camera
     height, slope_x, slope_y = 0.0, 0.0, 0.0
-    for (x, y), phase in _waves(seed):
+    for x, y, phase in _waves(seed):
         angle, amplitude = x * pose.x + y * pose.y + phase, bumps / math.sqrt(WAVES)
         height += amplitude * math.sin(angle)
         slope_x += amplitude * x * math.cos(angle)
