@@ -20,7 +20,7 @@ from visual_servo_epipolar.evaluation.faults.world import (
 )
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.bases import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases import PioneerSettings
 
 SEED = 3  # starts in front, without a retreat
 DRAWN_WORLD = campaign._world
@@ -86,19 +86,6 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(monkeypatch) -> None
     assert any('still moving' in charge for charge in result['charges'])
 
 
-def test_a_base_that_obeys_no_command_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(campaign, 'LONGEST_S', 5.0)
-
-    def strike(scene: StruckRun) -> None:
-        monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
-        monkeypatch.setattr(Pioneer, 'timed_out', False)
-        scene.world.call('/servo_node/stop')
-        scene.witness.record.stopped_s = scene.witness.now_s
-
-    result = driven('deaf', Fault(what='', strike=strike))
-    assert any('moved after stop' in charge for charge in result['charges'])
-
-
 def test_a_servo_that_ignores_its_limits_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
     def twice(value: Twist) -> object:
         return real(Twist(2.0 * value.linear, 2.0 * value.angular))
@@ -120,15 +107,6 @@ def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(monkeypatch) ->
     result = driven('raises', Fault(what='', strike=strike))
     assert result['verdict'] == 'traceback'
     assert "KeyError: 'nothing'" in str(result['detail'])
-
-
-def test_a_servo_that_arrives_elsewhere_is_condemned() -> None:
-    def strike(scene: StruckRun) -> None:
-        scene.world.kill('servo_node')  # and a report of an arrival stays
-        scene.witness.record.phase = 'arrived'
-
-    result = driven('elsewhere', Fault(what='', strike=strike, base_alone=True))
-    assert any('wrong arrival' in charge for charge in result['charges'])
 
 
 def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:

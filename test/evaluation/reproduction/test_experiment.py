@@ -8,7 +8,6 @@ from loaded import loaded
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.evaluation.reproduction.chapters import POINTS
@@ -19,7 +18,6 @@ from visual_servo_epipolar.evaluation.reproduction.continuous import (
 )
 from visual_servo_epipolar.evaluation.reproduction.experiment import (
     claims,
-    difference_decay,
     epipoles,
     evenly_moved,
     Experiment,
@@ -30,7 +28,6 @@ from visual_servo_epipolar.evaluation.reproduction.experiment import (
     PRINTED_K_T,
     servo,
     split,
-    START,
     well_spread,
 )
 from visual_servo_epipolar.evaluation.reproduction.paper import figure_data, thin
@@ -93,12 +90,6 @@ def test_the_robot_arrives_within_the_four_centimetres_of_the_paper(run: Experim
     assert summary['max_linear_speed'] <= 0.2 + 1e-9
 
 
-def test_difference_decays_exponentially(run: Experiment) -> None:
-    fit = difference_decay(run.log)
-    assert 0.05 < fit.rate < 1.0
-    assert fit.misfit < 0.3
-
-
 def test_the_data_behind_the_figures_are_those_stored(points, run: Experiment) -> None:
     reference = json.loads(points.STORED.read_text(encoding='utf-8'))
     drawn = points.drawn(run)
@@ -149,17 +140,6 @@ def test_chosen_features_stay_and_lie_far_apart() -> None:
     spread = well_spread(features, first.ids[:20], 26)
     assert set(first.ids[:20]) < set(spread.ids) and len(spread) == 26
     assert len(well_spread(Features(), first.ids, 26)) == 0
-
-
-def test_phases_of_the_experiment_are_the_two_steps(run: Experiment) -> None:
-    phases = {sample.phase for sample in run.log.samples}
-    assert phases <= {
-        Phase.DISPLACING,
-        Phase.ZEROING_EPIPOLES,
-        Phase.MATCHING_FEATURES,
-        Phase.ARRIVED,
-    }
-    assert run.log.start == START
 
 
 AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles

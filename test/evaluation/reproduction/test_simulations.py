@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.evaluation.reproduction.chapters import (
     Chapter,
@@ -20,26 +19,12 @@ from visual_servo_epipolar.evaluation.reproduction.chapters import (
     data,
 )
 from visual_servo_epipolar.evaluation.reproduction.continuous import (
-    Course,
-    growth_ratio,
-    longest_transient,
     PointCamera,
-    rate_at_goal,
-    rotation_decay,
     run,
-    Simulation1,
-    Simulation2,
     SIMULATION_1,
-    transient,
-    translation_decay,
 )
 from visual_servo_epipolar.evaluation.reproduction.paper import decay, figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.simulations import claims_1, claims_2
-
-
-@pytest.fixture(params=['one', 'two'])
-def course(request, runs_1: Simulation1, runs_2: Simulation2) -> Course:
-    return {'one': runs_1, 'two': runs_2}[request.param].course
 
 
 def test_numbers_are_those_of_the_paper() -> None:
@@ -50,63 +35,6 @@ def test_numbers_are_those_of_the_paper() -> None:
     assert len(PointCamera(0.03, 0.03).points) == 8
 
 
-def test_eight_points_give_the_epipoles_of_the_pose(course: Course) -> None:
-    rows = [i for i in course.instants if i.step == 1][::50]
-    bearings = [Bearings.from_pose(i.pose) for i in rows]
-    for name in ('epipole_current', 'epipole_desired'):
-        exact = 0.03 * np.array([getattr(b, name) for b in bearings])
-        read = [getattr(i.reading, name.replace('epipole', 'e')) for i in rows]
-        np.testing.assert_allclose(read, exact, atol=1e-13)
-
-
-def test_every_point_stays_ahead_of_the_camera(course: Course) -> None:
-    camera = PointCamera(0.03, 0.03)
-    assert all(np.isfinite(camera.image(i.pose)).all() for i in course.instants)
-
-
-def test_desired_epipole_is_zero_in_finite_time_and_the_speed_with_it(course: Course) -> None:
-    first = course.instants[0].reading
-    after = course.column('time', 1) > course.zeroed_at
-    assert 0.0 < course.zeroed_at < 1.2 * longest_transient(course.case, first.e_desired)
-    assert (course.column('twist.linear', 1)[after] == 0.0).all()
-    speeds = np.abs(transient(course, 'twist.linear'))
-    assert speeds[-1] < 1e-3 * speeds.max()
-    assert (np.abs(course.column('reading.e_desired', 1)[after]) <= course.case.tolerance).all()
-
-
-def test_current_epipole_decays_exponentially_once_the_other_is_zero(runs_1, runs_2) -> None:
-    assert rotation_decay(runs_1.course).rate == pytest.approx(0.5, rel=1e-6)
-    # (26) with e_au near zero: (f / f_hat) k1.
-    assert rotation_decay(runs_2.course).rate == pytest.approx(3.0, rel=1e-4)
-
-
-def test_distance_and_features_decay_exponentially_in_the_second_step(course: Course) -> None:
-    for name in ('pose.distance', 'difference', 'twist.linear'):
-        fit = translation_decay(course, name)
-        assert fit.rate == pytest.approx(rate_at_goal(course.case), rel=0.01)
-        assert fit.misfit < 0.01
-
-
-def test_estimate_keeps_its_distance_from_the_truth(runs_1: Simulation1) -> None:
-    gap = transient(runs_1.course, 'distance_estimate') - transient(runs_1.course, 'pose.distance')
-    np.testing.assert_allclose(gap, 2.0 - np.sqrt(2.0), atol=1e-8)
-
-
-def test_guessed_focal_length_bounds_the_growth(runs_2: Simulation2) -> None:
-    mu = growth_ratio(runs_2.course)
-    assert 1.0 <= mu.min() and mu.max() <= 6.0
-
-
-def test_printed_sign_is_the_true_one_from_the_start_of_the_paper(runs_1: Simulation1) -> None:
-    for name in ('pose.x', 'pose.y', 'pose.theta'):
-        np.testing.assert_array_equal(runs_1.course.column(name), runs_1.corrected.column(name))
-
-
-def test_printed_sign_fails_once_it_is_sampled(runs_1: Simulation1) -> None:
-    ends = runs_1.sampled_printed[-1].pose.x, runs_1.sampled_corrected[-1].pose.x
-    assert ends[0] < -0.1 and abs(ends[1]) < 0.001
-
-
 def test_printed_sign_fails_behind_the_goal_where_the_true_one_arrives(runs_1) -> None:
     assert runs_1.behind_printed.outcome == 'e_au passed through infinity'
     assert runs_1.behind_corrected.outcome == 'arrived'
@@ -115,11 +43,6 @@ def test_printed_sign_fails_behind_the_goal_where_the_true_one_arrives(runs_1) -
         -runs_1.corrected.column('pose.y', 1),
         atol=1e-6,
     )
-
-
-def test_vote_needs_the_focal_length(runs_2: Simulation2) -> None:
-    assert runs_2.held.outcome == 'arrived'
-    assert runs_2.voted.outcome != 'arrived'
 
 
 def test_guess_that_sends_the_robot_among_the_points_is_reported() -> None:

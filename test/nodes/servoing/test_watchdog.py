@@ -168,13 +168,6 @@ def test_a_heartbeat_that_ends_stops_the_robot_and_it_goes_on_with_the_next(benc
     rig.resume()
 
 
-def test_a_false_stops_the_robot_at_once(bench, clock) -> None:
-    rig = Enabled(bench).drive()
-    rig.enable(value=False)
-    assert (rig.phase, rig.reason) == ('holding', '/enable is false')
-    bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
-
-
 def test_a_false_counts_also_while_the_node_is_inactive(bench, clock) -> None:
     rig = Enabled(bench).drive()
     go(bench, rig.node, 'deactivate')
