@@ -14,8 +14,6 @@ from visual_servo_epipolar.nodes.steady import PATIENCE_S, SILENT_S, STEADY, Sto
 from visual_servo_epipolar.nodes.watching import IDLE_PERIOD_S
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-REPEAT_S = 30.0  # of the log
-
 
 class TrackerReports(ReplayReports):
     """Reports of the tracker ``node``: all that it publishes but tracks."""
@@ -61,7 +59,7 @@ class TrackerReports(ReplayReports):
             topic = self._node.resolve_topic_name('image_raw')
             count = f'publishers on {topic}: {self._node.count_publishers(topic)}'
             log = self._node.get_logger()
-            log.warning(f'{reason} ({count})', throttle_duration_sec=REPEAT_S)
+            log.warning(f'{reason} ({count})', throttle_duration_sec=30.0)
         stamp_ns = int(self._clock.now().nanoseconds)
         values: dict[str, object] = {'features': 0, 'image_age_s': round(age_s, 3)}
         self._publish_status(reason, values, stamp_ns)

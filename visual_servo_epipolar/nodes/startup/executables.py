@@ -10,7 +10,7 @@ from visual_servo_epipolar.nodes.startup.missing import remedy
 from visual_servo_epipolar.nodes.startup.table import NODES
 from visual_servo_epipolar.processes import one_thread, printing
 
-SUCCESS, USAGE_ERROR = 0, 2
+USAGE_ERROR = 2
 ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
 
 
@@ -46,7 +46,7 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
 
 def _show(text: str) -> int:
     print(text)
-    return SUCCESS
+    return 0
 
 
 def usage(node: str) -> str:

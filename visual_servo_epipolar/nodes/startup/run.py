@@ -28,9 +28,8 @@ from visual_servo_epipolar.nodes.startup import executables, table
 FAREWELL_S = 0.5  # after `shutdown`, until the client that asked for it has the answer
 KEEP_BYTES = 2**23  # an image of 8 MB; a match of whole images takes 300 MB for a moment
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
-# Ctrl-C, kill, Ctrl-backslash; a terminal that is closed, Ctrl-Z, which alone does not end a node.
-UNASKED = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
-SIGNALS = (*UNASKED, signal.SIGHUP, signal.SIGTSTP)
+# Ctrl-C, kill, a terminal that is closed, Ctrl-backslash.
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def spin(kind: type[Any]) -> int:
@@ -50,9 +49,9 @@ def spin(kind: type[Any]) -> int:
     if getattr(kind, 'one_core', False):
         cv2.setNumThreads(1)
     heard: list[int] = []  # no event: a second signal within its lock would wait for ever
-    for number in SIGNALS:
-        # A node that is started by nohup is to outlive its terminal.
-        if number in UNASKED or signal.getsignal(number) is not signal.SIG_IGN:
+    of_terminal = signal.SIGHUP, signal.SIGTSTP  # which a node started by nohup is to outlive
+    for number in {*ENDING, *of_terminal}:
+        if number not in of_terminal or signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda received, _: heard.append(received))
     node: Node | None = None
     try:
@@ -72,7 +71,7 @@ def spin(kind: type[Any]) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
-        for number in SIGNALS[:-1]:  # a second Ctrl-C finds nothing left to end
+        for number in ENDING:  # a second Ctrl-C finds nothing left to end
             signal.signal(number, signal.SIG_IGN)
     return 0
 
