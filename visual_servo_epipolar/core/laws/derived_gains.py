@@ -104,7 +104,13 @@ def legal_target(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
     if goal.bearings is None:
         return 0.0
     reason = 'the field of view leaves no room to turn e_au to where a gain is legal'
-    for alpha in _displacements(goal.bearings.alpha, goal, settings):
+    present, discordant = goal.bearings.alpha, displacement(goal, settings)
+    if settings.options.discordant_turn:
+        tried = [discordant_bearing(goal, settings)]
+    else:  # the present one first, if the law may keep it
+        tried = [present] if abs(present) >= 2.0 * settings.singular_epipole else []
+        tried += [] if discordant is None else [discordant]
+    for alpha in tried:
         try:
             derive(_worst_circumstances(alpha, goal, memory, settings))
         except ValueError as error:
@@ -112,15 +118,6 @@ def legal_target(goal: GoalEstimate, memory: Memory, settings: DriveSettings) ->
         else:
             return math.tan(alpha)
     raise ValueError(reason)
-
-
-def _displacements(alpha: float, goal: GoalEstimate, settings: DriveSettings) -> list[float]:
-    """Return the bearings of e_au [rad] to try: ``alpha`` first, if the law may keep it."""
-    if settings.options.discordant_turn:
-        return [discordant_bearing(goal, settings)]
-    discordant = displacement(goal, settings)
-    regular = abs(alpha) >= 2.0 * settings.singular_epipole
-    return ([alpha] if regular else []) + ([] if discordant is None else [discordant])
 
 
 def _worst_circumstances(

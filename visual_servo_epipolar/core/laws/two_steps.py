@@ -355,18 +355,13 @@ def _brakes(goal: GoalEstimate, settings: DriveSettings) -> bool:
     return known and law.speed_ramps and not settings.derives
 
 
-def _is_matched(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> bool:
-    nearly = arrival.is_near_enough(goal, memory, settings)
-    return nearly or arrival.is_matched(goal, memory, settings)
-
-
 MATCHING_FEATURES = PhaseRow(
     phase=Phase.MATCHING_FEATURES,
     words='drives straight until the features match (step 2)',
     colour='#009E73',
     classify=_matched,
     command=_match,
-    is_settled=_is_matched,
+    is_settled=lambda *seen: arrival.is_near_enough(*seen) or arrival.is_matched(*seen),
     is_close=partial(arrival.is_matched, spent=True),
     begin=with_gains_of_now,
 )

@@ -128,7 +128,10 @@ def _linearised(
     """Return the equations of a view at a ``pose``, by a ``weight``, (n,), or by its residuals."""
     projection = project(anchors.structure, pose, seen.tangent_basis)
     found = slopes(anchors.structure, pose, seen.tangent_basis, projection)
-    information = _information(found[BY_FEATURE], anchors.covariance)
+    by_feature = found[BY_FEATURE].transpose(2, 1, 0)
+    blocks = by_feature @ anchors.covariance.transpose(2, 0, 1) @ by_feature.swapaxes(1, 2)
+    # Inverted covariances of residuals, (2, 2, n).
+    information = np.asarray(np.linalg.inv(np.eye(2) + blocks).transpose(1, 2, 0))
     squares = _times(information, projection.residuals) * projection.residuals
     squares = np.where(is_ahead(projection, seen.rays), np.add.reduce(squares, axis=0), OPPOSITE)
     widening = max(1.0, median(squares) / USUAL_SQUARES)
@@ -153,13 +156,6 @@ def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Pose
 
     pose, step = least_squares(start, linearise, moved, STEPS)
     return PoseFit(pose, step.squares, step.widening)
-
-
-def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return inverted covariances, (2, 2, n), of residuals with slopes ``own``, (3, 2, n)."""
-    by_feature = own.transpose(2, 1, 0)
-    blocks = by_feature @ covariance.transpose(2, 0, 1) @ by_feature.swapaxes(1, 2)
-    return np.asarray(np.linalg.inv(np.eye(2) + blocks).transpose(1, 2, 0))
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -42,6 +42,7 @@ from visual_servo_epipolar.core.mapping.window import (
     MapSettings,
     tangent_basis_of,
     Unknowns,
+    VIEW,
     X,
     Y,
 )
@@ -50,7 +51,6 @@ from visual_servo_epipolar.core.twoview.estimator import Attitude
 NEW_SHARE = 0.1  # of the observations of a view that are of features not in the map
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 MOST_VIEWS = 4  # to begin with: more cost more time, and are passed soon
-MIN_AGREEING = 5  # of features of the map that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 
 
@@ -187,8 +187,13 @@ class KeyframeMap:
 
     def update_map(self) -> 'KeyframeMap':
         """Return the map with what the last view adds: the first geometry, or a better one."""
-        if self.bootstrap.is_due:
-            after = self._initialize()
+        views = self.bootstrap
+        if views.is_due:
+            geometry = initial_geometry(views.window, views.starts, self.mount, self.settings)
+            if geometry is None:
+                return replace(self, bootstrap=replace(views, is_due=False))
+            pose = geometry.unknowns.views[-1]
+            after = replace(self, geometry=geometry, bootstrap=Bootstrap(), pose=pose)
         elif self.pending is not None and self.geometry is not None and self.pose is not None:
             after = replace(self, pending=None)._updated(self.geometry, self.pending, self.pose)
         else:
@@ -209,15 +214,6 @@ class KeyframeMap:
             bootstrap = bootstrap.with_view(observations, self.place, starts, most)
         return replace(self, pose=pose, bootstrap=bootstrap)
 
-    def _initialize(self) -> 'KeyframeMap':
-        """Return the map with the first geometry, if one fits the views to begin with."""
-        views = self.bootstrap
-        geometry = initial_geometry(views.window, views.starts, self.mount, self.settings)
-        if geometry is None:
-            return replace(self, bootstrap=replace(views, is_due=False))
-        pose = geometry.unknowns.views[-1]
-        return replace(self, geometry=geometry, bootstrap=Bootstrap(), pose=pose)
-
     def _localize(
         self, geometry: Geometry, observations: FeatureObservations, learns: bool
     ) -> 'tuple[KeyframeMap, MapLocalization | None]':
@@ -226,13 +222,13 @@ class KeyframeMap:
         known = rows >= 0
         known[known] = geometry.trusted[rows[known]]
         count = int(known.sum())
-        if count < MIN_AGREEING:
+        if count < VIEW:  # fewer features than unknowns
             return self, None
         rays, noise = observations.current[known], observations.noise[known, 0]
         seen = MatchedFeatures(rows[known], rays.T, tangent_basis_of(rays, noise))
         anchors = anchors_of(geometry).of(seen.rows)
         fit = fit_pose_near(geometry.unknowns.views, anchors, seen, self.pose)
-        if int(fit.inliers.sum()) < max(MIN_AGREEING, LEAST_AGREEING * count):
+        if int(fit.inliers.sum()) < max(VIEW, LEAST_AGREEING * count):
             return self, None
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         reading, shrinkage = resect(geometry, anchors, seen, fit, shrinkage)

@@ -106,17 +106,12 @@ def parallax_of_way(
     most = settings.initial_distance + state.motion.reversed
     distance = min(distance, most) if distance > 0.0 else math.inf
     shown = math.sqrt(parallax * parallax - noise * noise) / max(distance, settings.min_distance)
-    shown *= _shrinkage(observation)
+    now, photographed = (
+        median(np.hypot(*(rays[:, :2] - np.median(rays[:, :2], axis=0)).T))
+        for rays in (observation.current, observation.desired)
+    )
+    shown *= min(now / photographed, 1.0) if photographed > 0.0 else 1.0
     bearings = measurement.bearings
     if bearings is not None and abs(math.sin(bearings.alpha)) < AHEAD:
         return shown
     return shown * median(np.hypot(observation.current[:, 0], observation.current[:, 1]))
-
-
-def _shrinkage(observation: Observation) -> float:
-    """Return how large the scene looks, over its size in the photograph: 1 at most."""
-    spreads = [
-        median(np.hypot(*(rays[:, :2] - np.median(rays[:, :2], axis=0)).T))
-        for rays in (observation.current, observation.desired)
-    ]
-    return min(spreads[0] / spreads[1], 1.0) if spreads[1] > 0.0 else 1.0

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.tracking.alignment import Anchor
 from visual_servo_epipolar.core.tracking.canvas import Canvas, PLANE
 from visual_servo_epipolar.core.tracking.matchers.base import NEIGHBOURS
 from visual_servo_epipolar.core.tracking.matching import DesiredView
-from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border
+from visual_servo_epipolar.core.tracking.sampling import FloatImage, inside_border, RADIUS
 from visual_servo_epipolar.core.tracking.tracks import fit_motion, ImageMotion, MIN_SUPPORT
 from visual_servo_epipolar.core.tracking.warps import Warps
 
@@ -26,7 +26,6 @@ MAX_UNSEEN = 40  # frames for which a prediction is followed
 OUTLIER_PX = 8.0  # distance from the motion of most at which a feature is an outlier
 NOISE_DEVIATIONS = 3.0  # that noise hardly reaches: of a search, or of a motion
 SEARCH_RANGE = (4.0, 24.0)  # smallest and largest search radius [px]
-DISTANCE_FLOOR = 100.0  # squared distance at which a neighbour's weight levels off [px^2]
 MIN_PEAK = 0.8  # correlation of a match
 MAX_RIVAL = 0.9  # largest ratio of the second peak to the first
 PEAK_RADIUS = 4  # half side of one peak [px]
@@ -122,7 +121,7 @@ def predict(desired: FloatArray, tracked: Warps, canvas: Canvas = PLANE) -> Pred
     radius = NOISE_DEVIATIONS * float(scatter) + SEARCH_RANGE[0]
     if radius > SEARCH_RANGE[1]:
         return None
-    weight = 1.0 / (squared[near] + DISTANCE_FLOOR)
+    weight = 1.0 / (squared[near] + RADIUS**2)  # it levels off where patches overlap
     affine = np.einsum('n,nij->ij', weight / weight.sum(), tracked.affine[near])
     return Prediction(solution[2], affine, radius)
 
