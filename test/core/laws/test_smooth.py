@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.laws.steering import (
     goes_around_in_view,
     leads_around,
     polar_pose,
+    visible_aim,
 )
 from visual_servo_epipolar.core.odometry.increments import Motion
 from visual_servo_epipolar.core.servo.run_log import summarise
@@ -298,6 +299,13 @@ def test_ahead_of_its_goal_a_wide_view_backs_off_on_one_arc(x: float, y: float) 
         turns.append(twist.angular)
     assert y <= 0.2 and abs(x) < 0.1
     assert np.count_nonzero(np.diff(np.sign(turns))) <= 1
+
+
+def test_a_turn_goes_the_long_way_where_the_short_one_leads_out_of_view() -> None:
+    margins = 0.2, 4.2  # turned left as far as it sees
+    assert visible_aim(-2.0, 1.5, margins) == -2.0  # 3.5 rad to the right, not 2.8 to the left
+    assert visible_aim(1.0, 1.5, margins) is None
+    assert visible_aim(2.5, 1.5, (0.2, 0.3)) == pytest.approx(1.7)
 
 
 @pytest.mark.parametrize('side', [1.0, -1.0])
