@@ -45,7 +45,7 @@ def seen(heading: float, offset: float, turn: float, along: FloatArray) -> ViewP
     axes = np.eye(3)
     axes[:2, 0], axes[:2, 1] = ahead, left
     covariance = axes @ np.diag(along**2) @ axes.T
-    return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40, 20, 0.01)
+    return ViewPose(np.append(ahead + offset * left, heading + turn), covariance, 40, 0.01)
 
 
 def sure(way: float = 1.0, variance: float = 0.0) -> PathEstimate:

@@ -17,10 +17,12 @@ from visual_servo_epipolar.core.bases.base import Base, turns_in_place
 from visual_servo_epipolar.core.bases.limiter import Limiter
 from visual_servo_epipolar.core.estimate.goal_estimate import USUAL_STEP_S
 from visual_servo_epipolar.core.estimate.odometry import COMMANDED_WAY
+from visual_servo_epipolar.core.estimate.settings import DriveSettings
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import compose, relative_pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.odometry.commands_sent import CommandsSent, WITHDRAWN_S
 from visual_servo_epipolar.core.routes.key_view_tracker import KeyViewTracker
-from visual_servo_epipolar.core.routes.path import OUTLIER, PathPoint, TaughtPath
+from visual_servo_epipolar.core.routes.path import PathPoint, TaughtPath
 from visual_servo_epipolar.core.routes.places import Place
 from visual_servo_epipolar.core.routes.route import Bridge, MOST_IMAGES, Route
 from visual_servo_epipolar.core.routes.settings import FollowSettings
@@ -35,7 +37,6 @@ PLACE_NOISE = np.array([0.02, 0.02, 0.02])  # of way, offset and turn of a place
 LEAST_OBEYED = 0.2  # share of a way of commands that the view must see
 TURN_NOISE = 0.02  # of the true turn against the commanded one [rad/sqrt(s)]
 SLIDE_NOISE = 0.002  # of the base across its heading [m/sqrt(m)]
-BIAS_NOISE = 0.01  # by which the curvature of the wheels changes [1/m/sqrt(m)]
 FIRST = np.diag([0.3**2, 0.3**2, 0.03**2])
 LEAST = np.array([0.0015, 0.0006])  # deviations of one view beside its own: the seam [m, rad]
 CERTAIN = 0.01  # a third of the deviation of the offset that slows it down [m]
@@ -114,7 +115,8 @@ class PathEstimate:
         """Move on by a ``twist`` for ``dt`` [s]."""
         way = twist.linear * dt
         slope = np.array([[1.0, way, 0.5 * way * way], [0.0, 1.0, way], [0.0, 0.0, 1.0]])
-        noise = np.array([SLIDE_NOISE**2 * abs(way), TURN_NOISE**2 * dt, BIAS_NOISE**2 * abs(way)])
+        drift = DriveSettings.curvature_drift
+        noise = np.array([SLIDE_NOISE**2 * abs(way), TURN_NOISE**2 * dt, drift**2 * abs(way)])
         self.covariance = slope @ self.covariance @ slope.T + np.diag(noise)
         self.state = self._moved(self.state, twist, dt)
         self.way += way
@@ -143,14 +145,15 @@ class PathEstimate:
         least, most = sorted((self._seen_way, self.way))
         slip = point.way - min(max(point.way, least), most)
         off = np.array([slip, point.offset - offset, point.turn - turn])
-        covariance = measured.covariance + np.diag((GATE_FLOOR / OUTLIER) ** 2)
+        covariance = measured.covariance + np.diag(GATE_FLOOR**2 / CONTRADICTING)
         covariance[0, 0] += self.way_variance
         covariance[1:, 1:] += self.covariance[:2, :2]
-        if float(off @ np.linalg.solve(covariance, off)) <= OUTLIER**2:
+        if float(off @ np.linalg.solve(covariance, off)) <= CONTRADICTING:
             return ''
         return (
             f'the view is {off[0]:+.3f} m along the way, {off[1]:+.3f} m beside it and '
-            f'{off[2]:+.3f} rad off what was predicted, {OUTLIER:g} deviations are believed'
+            f'{off[2]:+.3f} rad off what was predicted, {math.sqrt(CONTRADICTING):g} deviations '
+            'are believed'
         )
 
     def update(self, measured: PathMeasurement) -> None:
@@ -385,7 +388,7 @@ class Follower:
         """Whether the way turns on the spot between the key view ahead and that ``number``."""
         here, there = self.route.views[self.view], self.route.views[number]
         border = (here if self._sign > 0 else there).way
-        ahead = compose(relative_pose(there.pose, here.pose), here.path.pose_at(border))
+        ahead = compose(self._transform(number), here.path.pose_at(border))
         turn = float(ahead[2] - there.path.pose_at(border)[2])
         return abs(math.remainder(turn, 2.0 * math.pi)) > TURNED_BACK
 

@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, NORMAL
-from visual_servo_epipolar.core.geometry.least_squares import linear_fit
+from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING, linear_fit
 
 HALF_WIDTH = 0.25  # of the way over which a sample is smoothed [m]
 LEAST = 5  # samples within it, where there are fewer farther ones count; and at most looked at
-OUTLIER = 4.0  # deviations from its neighbours, or what was predicted: not believed
 ROUNDS = 4
 FLOOR = 1e-4  # of such a deviation [m, rad]
 LEAST_STEP = 0.01  # between samples, or two images that are kept [m]
@@ -116,7 +115,7 @@ def smooth_path(way: FloatArray, poses: FloatArray, speeds: FloatArray) -> Taugh
     for _ in range(ROUNDS):
         off = np.abs(poses - _fitted(way, poses, weight)[0])
         usual = NORMAL * np.median(off, axis=0) + FLOOR
-        weight = 1.0 / (1.0 + ((off / (OUTLIER * usual)).max(axis=1)) ** 4)
+        weight = 1.0 / (1.0 + ((off / (math.sqrt(CONTRADICTING) * usual)).max(axis=1)) ** 4)
     smooth, slopes = _fitted(way, poses, weight)
     speed, _ = _fitted(way, speeds[:, None], np.ones(len(way)))
     return TaughtPath(way, smooth, slopes[:, 2], np.maximum(speed[:, 0], 0.0))

@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.bases.base import turns_in_place
 from visual_servo_epipolar.core.bases.registry import base_of
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
+from visual_servo_epipolar.core.estimate.odometry import WAY_SHARE
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.odometry.commands_sent import WITHDRAWN_S
@@ -42,7 +43,6 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.core.twoview.observation import observe
 
-APART_SHARE = 0.1  # of what was driven, that a station may be apart beside a place that is certain
 LOCALIZING, FOLLOWING = 'localizing', 'following'
 LEAST_RATIO = 0.01  # of max_speed_ratio
 SEARCH_FRAMES = 5  # images between two looks at the route
@@ -74,7 +74,7 @@ class Docking:
     def trouble(self) -> str:
         """That an arrival here would be elsewhere than where the way leads; or ''."""
         apart = math.hypot(self._pose.x, self._pose.y)
-        if self._run is None or apart <= CERTAIN + APART_SHARE * self._driven:
+        if self._run is None or apart <= CERTAIN + WAY_SHARE * self._driven:
             return ''
         return (
             f'the photograph of the station looks reached {apart:.2f} m from where the way leads; '

@@ -72,14 +72,13 @@ class ViewPose(NamedTuple):
     """
     Pose of a camera, (3,), in axes of a key view, its covariance, (3, 3), how many agree.
 
-    ``witnesses`` of these stand elsewhere than where most of them stand together; by those alone
-    its position has the deviation ``unaided`` [m].
+    By those alone that stand elsewhere than where most of them stand together its position has the
+    deviation ``unaided`` [m], infinite where there are too few.
     """
 
     pose: FloatArray
     covariance: FloatArray
     inliers: int
-    witnesses: int
     unaided: float
 
 
@@ -168,7 +167,7 @@ class Localizer:
             position = pose_covariance(anchors.of(np.flatnonzero(elsewhere)), rest, alone)[:2, :2]
             unaided = math.sqrt(float(np.linalg.eigvalsh(position)[-1]))
         pose = camera_poses(fit.pose[None])[0]
-        return ViewPose(pose, covariance, agree, witnesses, unaided)
+        return ViewPose(pose, covariance, agree, unaided)
 
     def _largest_object(self, ids: IntArray, inliers: BoolArray) -> BoolArray:
         """Return which of features ``ids``, (n,), stand where most ``inliers``, (n,), do."""
@@ -190,19 +189,18 @@ def learn_structure(
 
     Raises DegenerateGeometryError if the views do not fit one geometry.
     """
-    window = _window(photograph, views, camera)
+    window = _window(photograph, views, camera, START_NOISE_PX)
     poses = np.array([view.pose for view in views])
     attitude = np.array([mount.tilt, mount.roll])
     count = len(window.ids)
     start = Unknowns(
         views_of(poses, attitude), shared_at(attitude), np.zeros((2, count)), np.ones(count)
     )
-    near = triangulate(window, start, np.ones(len(views), bool))
-    unknowns = Unknowns(start.views, start.shared, start.offsets, near)
+    start = replace(start, inverse_depth=triangulate(window, start, np.ones(len(views), bool)))
     factors = factors_of(mount, window, MapSettings(scale_deviation=SCALE_DEVIATION))
     if camera.wraps:
         factors = replace(factors, lens_deviation=ALL_AROUND)
-    at, damping = refine_narrowing(Evaluation(window, unknowns, np.ones(count, bool), factors))
+    at, damping = refine_narrowing(Evaluation(window, start, np.ones(count, bool), factors))
     noise, geometry = START_NOISE_PX, refine(at, STEPS, damping)
     for _ in range(ROUNDS):
         # On another day at least half: what patches get wrong alike, no residual shows.
@@ -210,7 +208,8 @@ def learn_structure(
         if not math.isfinite(ratio):
             break  # too few residuals to tell it
         noise *= ratio
-        geometry = refine(_renoised(geometry, ratio), STEPS, geometry.damping)
+        window = _window(photograph, views, camera, noise)
+        geometry = refine(_renoised(geometry, window, ratio), STEPS, geometry.damping)
     rows = np.flatnonzero(geometry.trusted & (window.seen.sum(0) >= LEAST_VIEWS))
     if len(rows) < LEAST_FEATURES:
         raise DegenerateGeometryError(
@@ -229,26 +228,22 @@ def learn_structure(
     )
 
 
-def _renoised(geometry: Geometry, ratio: float) -> Evaluation:
-    """Return the evaluation with ``ratio`` times the noise."""
+def _renoised(geometry: Geometry, window: KeyframeWindow, ratio: float) -> Evaluation:
+    """Return the evaluation of the same ``window`` with ``ratio`` times the noise."""
     at = geometry.evaluation
-    window = replace(
-        at.window,
-        tangent_basis=at.window.tangent_basis / ratio,
-        photograph_noise=at.window.photograph_noise * ratio,
-    )
     unknowns = replace(at.unknowns, offsets=at.unknowns.offsets / ratio)
     return replace(at, window=window, unknowns=unknowns)
 
 
 def _window(
-    photograph: FloatArray, views: Sequence[SeenView], camera: CameraModel
+    photograph: FloatArray, views: Sequence[SeenView], camera: CameraModel, noise_px: float
 ) -> KeyframeWindow:
+    """Return what ``views`` show, with a noise of pixels."""
     desired = camera.rays(photograph)
-    noise = START_NOISE_PX * camera.resolution(desired)
+    noise = noise_px * camera.resolution(desired)
     window = EMPTY
     for view in views:
-        current = START_NOISE_PX * camera.resolution(view.rays)
+        current = noise_px * camera.resolution(view.rays)
         both = np.column_stack([current, noise[view.ids]])
         features = FeatureObservations(view.ids, view.rays, desired[view.ids], both)
         window = window.with_view(features, views_of(view.pose[None], np.zeros(2))[0, :2])
