@@ -121,41 +121,90 @@ class ControlSettings(Settings):
     anticipation: bool = departure_setting('anticipation')
 
     gains: str = setting(
-        'given', 'Gains: given below, or derived when step 1 begins', choices=('given', 'derived')
+        'given',
+        'Gains of both steps: given (as set below), derived (section IV-C, computed when step '
+        '1 begins)',
+        choices=('given', 'derived'),
     )
     nearest_distance: float = setting(
         1.0, 'Derived gains: lower bound of the distance at the start [m]', low=0.05, high=100.0
     )
-    scene_depth: float = internal(3.0, 'Derived gains: depth of the scene [m]', low=0.1, high=99)
-    latency: float = setting(
-        0.1, 'Time from image to motion; above 0.25 full, smooth look ahead [s]', low=0.0, high=2.0
+    scene_depth: float = internal(
+        3.0,
+        'Derived gains: depth of the nearest features, used until the slope of D is measured [m]',
+        low=0.1,
+        high=99,
     )
-    k1: float = internal(0.08, 'Step 1: gain k1 of eq. (12), on e_au [1/s]', low=0.0, high=5.0)
-    k2: float = internal(0.23, 'Step 1: gain k2 of eq. (12), on e_du', low=0.0, high=5.0)
+    latency: float = setting(
+        0.1,
+        'Time from an image to the motion it causes; above 0.25 full and smooth look ahead [s]',
+        low=0.0,
+        high=2.0,
+    )
+    k1: float = internal(
+        0.08, 'Step 1: gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
+    )
+    k2: float = internal(
+        0.23, 'Step 1: gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0
+    )
     exponent: float = internal(7.0 / 9.0, 'Step 1: beta/gamma of eq. (12)', low=0.05, high=1.0)
     finite_time: bool = internal(False, 'Step 1: use eq. (20), zero both epipoles in finite time')
     initial_distance: float = setting(
         8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
     )
     min_distance: float = internal(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
-    k_t: float = internal(16.0, 'Step 2: gain k_t of eq. (21), D at f = 1 [m/s]', low=0, high=200)
-    approach_rate: float = internal(1.0, 'Step 2: largest closing rate [1/s]', low=0.01, high=50.0)
-    turn_gain: float = internal(0.8, 'Gain of turns, and of holding e_au [1/s]', low=0, high=5)
-    look_ahead: float = internal(0.6, 'Step 2: look-ahead of the line [m]', low=0.05, high=10.0)
+    k_t: float = internal(
+        16.0, 'Step 2: gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
+    )
+    approach_rate: float = internal(
+        1.0,
+        'Step 2: largest closing rate, from the measured slope of D; with speed ramps the end '
+        'brakes, up to 4 times as sharply [1/s]',
+        low=0.01,
+        high=50.0,
+    )
+    turn_gain: float = internal(
+        0.8,
+        'Gain of turns in place and of holding e_au; with speed ramps turns end by braking, 4 '
+        'times as sharply [1/s]',
+        low=0,
+        high=5,
+    )
+    look_ahead: float = internal(
+        0.6, 'Step 2: look-ahead of line following [m]', low=0.05, high=10.0
+    )
     curvature_drift: float = internal(
-        0.01, 'Curvature feed-forward: change per metre by the wheels [rad/m]', low=0.0, high=1.0
+        0.01,
+        'Curvature feed-forward: how much the curvature from unequal wheels may change per '
+        'metre [rad/m]',
+        low=0.0,
+        high=1.0,
     )
     max_acceleration: float = setting(
-        0.25, 'Speed ramps: linear acceleration; slowing down: twice [m/s^2]', low=0.01, high=20.0
+        0.25,
+        'Speed ramps: linear acceleration; slowing down twice that [m/s^2]',
+        low=0.01,
+        high=20.0,
     )
     max_angular_acceleration: float = setting(
-        1.2, 'Speed ramps: angular acceleration; slowing down: twice [rad/s^2]', low=0.01, high=99
+        1.2,
+        'Speed ramps: angular acceleration; slowing down twice that [rad/s^2]',
+        low=0.01,
+        high=99,
     )
     braking: float = internal(
         0.2, 'Step 1: deceleration to end it with [m/s^2]', low=0.01, high=20.0
     )
-    spiral_ratio: float = internal(0.4, 'Step 1: part of the distance left', low=0.05, high=0.95)
-    least_spiral_ratio: float = internal(0.15, 'Step 1: least such part', low=0.01, high=0.95)
+    spiral_ratio: float = internal(
+        0.4, 'Step 1: fraction of the distance that remains after the spiral', low=0.05, high=0.95
+    )
+    least_spiral_ratio: float = internal(
+        0.15,
+        'Step 1: least remaining fraction of the distance after the spiral; below it the '
+        'robot backs off',
+        low=0.01,
+        high=0.95,
+    )
     min_displacement: float = internal(
         0.14, 'Step 1: least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
     )
@@ -166,13 +215,21 @@ class ControlSettings(Settings):
         0.03, 'Step 1: bearing error at which the displacement is done [rad]', low=1e-4, high=0.3
     )
     singular_epipole: float = internal(
-        0.02, 'Step 1: bearing of e_au below which law paper displaces it [rad]', low=0, high=0.5
+        0.02,
+        'Step 1: bearing of e_au below which law paper displaces it first [rad]',
+        low=0,
+        high=0.5,
     )
     base: str = fixed(
-        DEFAULT_BASE, 'Base: differential_drive, car (never turns in place), or of another package'
+        DEFAULT_BASE,
+        'Base: differential_drive, car (steers, and never turns in place), or one of another '
+        'package',
     )
     max_curvature: float = fixed(
-        0.0, 'Largest curvature of the path; 0 = the base turns in place [1/m]', low=0.0, high=20.0
+        0.0,
+        'Largest curvature of the path of the base; 0 = it turns in place [1/m]',
+        low=0.0,
+        high=20.0,
     )
     wheelbase: float = fixed(0.33, 'Distance between both axles of a car [m]', low=0.02, high=10.0)
     steering_rate: float = fixed(
@@ -181,7 +238,10 @@ class ControlSettings(Settings):
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     max_speed_ratio: float = setting(
-        1.0, 'Factor on both speed limits; changes follow the ramps', low=0.01, high=1.0
+        1.0,
+        'Factor on both speed limits; changes follow the ramps',
+        low=0.01,
+        high=1.0,
     )
     dead_band_linear: float = setting(
         0.0, 'Linear speed that the base cannot follow [m/s]', low=0.0, high=1.0
@@ -256,12 +316,17 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
     pan_min: float = fixed(-1.745, 'Head: least pan angle [rad]', low=-6.2, high=0.0)
     pan_max: float = fixed(1.745, 'Head: largest pan angle, to the left [rad]', low=0.0, high=6.2)
     pan_speed: float = fixed(1.5, 'Head: speed of its pan joint [rad/s]', low=0.01, high=20.0)
-    head_latency: float = internal(0.1, 'Head: from command to motion [s]', low=0.0, high=1.0)
+    head_latency: float = internal(
+        0.1, 'Head: time from its command to its motion [s]', low=0.0, high=1.0
+    )
     photograph_pan: float = fixed(
         0.0, 'Head: pan angle at which the photograph was taken [rad]', low=-6.2, high=6.2
     )
     photograph_tilt: float = fixed(
-        0.0, 'Head: tilt angle of the photograph, which it keeps [rad]', low=-1.5, high=1.5
+        0.0,
+        'Head: tilt angle at which the photograph was taken, and which it keeps [rad]',
+        low=-1.5,
+        high=1.5,
     )
     camera_yaw: float = fixed(
         0.0, 'Yaw of the camera on the base, to the left, as configured [rad]', low=-1.6, high=1.6
@@ -285,15 +350,30 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
         False,
         'Use odom instead of commands for the motion between images, unless images contradict it',
     )
-    path_deviation: float = internal(0.03, 'Deviation of a metre driven [m]', low=1e-4, high=1.0)
+    path_deviation: float = internal(
+        0.03, 'Deviation of the scale of the way by odometry: of a metre [m]', low=1e-4, high=1.0
+    )
     autostart: bool = fixed(False, 'Start by itself once there are tracks; false: on ~/start')
-    latch_engage: float = internal(0.002, 'Step 1: e_du that is zero [rad]', low=0.0, high=0.2)
-    latch_release: float = internal(0.007, 'Step 1: e_du that escaped [rad]', low=0.0, high=0.5)
-    align_tolerance: float = internal(0.0015, 'Step 1: e_au at its end [rad]', low=1e-5, high=0.1)
-    align_frames: int = internal(3, 'Step 1: aligned frames in a row at its end', low=1, high=100)
-    arrival_difference: float = internal(1e-4, '|D| at f = 1 of a match', low=1e-8, high=0.1)
+    latch_engage: float = internal(
+        0.002, 'Step 1: bearing of e_du that counts as zero [rad]', low=0.0, high=0.2
+    )
+    latch_release: float = internal(
+        0.007, 'Step 1: bearing of e_du at which it has escaped again [rad]', low=0.0, high=0.5
+    )
+    align_tolerance: float = internal(
+        0.0015, 'Step 1: bearing of e_au at which it ends [rad]', low=1e-5, high=0.1
+    )
+    align_frames: int = internal(
+        3, 'Step 1: frames in a row that must be aligned at its end', low=1, high=100
+    )
+    arrival_difference: float = internal(
+        1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
+    )
     arrival_position: float = setting(
-        0.0, 'Position error at which it has arrived; 0 = as near as can be [m]', low=0.0, high=0.5
+        0.0,
+        'Position error within which it has arrived; 0 = as precisely as possible [m]',
+        low=0.0,
+        high=0.5,
     )
     arrival_heading: float = setting(
         6e-4,
@@ -303,29 +383,57 @@ class DriveSettings(PerceptionSettings, ControlSettings, ABC):
         high=0.1,
     )
     arrival_parallax: float = internal(
-        1.5e-4, 'Parallax beyond noise that says: not at the goal [rad]', low=0, high=1
+        1.5e-4,
+        'Parallax beyond noise above which the robot is not at the goal [rad]',
+        low=0,
+        high=1,
     )
     arrival_frames: int = internal(5, 'Frames in a row that must match', low=1, high=100)
-    near_parallax: float = internal(0.02, 'Parallax of a goal that is near [rad]', low=0, high=1)
-    sideways_bearing: float = internal(0.6, 'Retreat: e_du at its start [rad]', low=0, high=1.6)
-    retreat_bearing: float = internal(0.5, 'Retreat: e_du at its end [rad]', low=0.01, high=1.5)
-    retreat_heading: float = internal(0.1, 'Retreat: heading error at most [rad]', low=0, high=1)
-    retreat_difference: float = internal(0.06, 'Retreat: |D| at its end', low=0.001, high=1.0)
+    near_parallax: float = internal(
+        0.02, 'Parallax below which a goal without trusted bearings is near [rad]', low=0, high=1
+    )
+    sideways_bearing: float = internal(
+        0.6,
+        'Retreat: bearing of e_du above which the robot backs off first [rad]',
+        low=0,
+        high=1.6,
+    )
+    retreat_bearing: float = internal(
+        0.5, 'Bearing of e_du at which backing off ends [rad]', low=0.01, high=1.5
+    )
+    retreat_heading: float = internal(
+        0.1, 'Heading error above which the robot turns before it backs off [rad]', low=0, high=1
+    )
+    retreat_difference: float = internal(
+        0.06, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
+    )
     retreat_speed: float = internal(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     max_retreat: float = setting(
-        20.0, 'Largest way backward in a run; 0 = it never backs off [m]', low=0.0, high=100.0
+        20.0,
+        'Largest distance driven backward in a run, all attempts together; 0 = it never backs '
+        'off [m]',
+        low=0.0,
+        high=100.0,
     )
     max_excursion: float = setting(
-        1.3, 'Largest distance in steps 1 and 2 over that at first; 0 = off', low=0, high=10
+        1.3,
+        'Largest distance from the goal in steps 1 and 2, relative to their start; 0 = off',
+        low=0,
+        high=10,
     )
-    divergence: float = internal(1.5, 'Step 1: e_du at which it fails [rad]', low=0.5, high=1.57)
+    divergence: float = internal(
+        1.5, 'Bearing of e_du at which step 1 has failed [rad]', low=0.5, high=1.57
+    )
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
     run_timeout: float = setting(600.0, 'Longest run [s]', low=1.0, high=86400.0)
     holding_timeout: float = setting(
         5.0, 'Longest hold before the run fails [s]', low=0.1, high=600.0
     )
     few_features_timeout: float = internal(
-        15.0, 'Longest drive by memory, below min_features; 0 = none [s]', low=0.0, high=600.0
+        15.0,
+        'Longest drive on the memory of views alone, with fewer than min_features; 0 = none [s]',
+        low=0.0,
+        high=600.0,
     )
     stale_timeout: float = setting(
         0.5, 'Age of the last tracks at which the robot is stopped [s]', low=0.05, high=60.0

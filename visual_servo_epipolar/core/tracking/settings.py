@@ -24,7 +24,9 @@ class TrackerSettings(Settings):
     min_features: int = setting(
         40, 'Features, of so many, below which the image is matched anew', low=1, high=1000
     )
-    rematch_period: int = internal(11, 'Fewest frames between two matchings', low=1, high=10000)
+    rematch_period: int = internal(
+        11, 'Fewest frames between two whole-image matches', low=1, high=10000
+    )
     window: int = internal(21, 'Side of the Lucas-Kanade window [px]', low=5, high=101)
     levels: int = internal(4, 'Pyramid levels above the full image', low=0, high=8)
     forward_backward: float = internal(
@@ -34,9 +36,13 @@ class TrackerSettings(Settings):
         1, 'Frames between two alignments with the desired image; 0 = never', low=0, high=1000
     )
     anchor_iterations: int = internal(4, 'Iterations of an alignment', low=1, high=50)
-    min_correlation: float = internal(0.85, 'Correlation with the photograph', low=0.0, high=1.0)
+    min_correlation: float = internal(
+        0.85, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
+    )
     candidates: int = internal(240, 'Candidate features that can be reacquired', low=8, high=5000)
-    search_per_frame: int = internal(8, 'Most features looked for in a frame', low=0, high=200)
+    search_per_frame: int = internal(
+        8, 'Most lost features looked for in one frame', low=0, high=200
+    )
     stitch_band: float = setting(
         0.0,
         'Images of 360 deg from two lenses: angle from where these meet, at 90 deg to either '
