@@ -89,6 +89,13 @@ def test_an_answer_does_not_wait_for_learning_from_a_view(drive, memory, monkeyp
     assert late.pose.tolist() == soon.pose.tolist()
 
 
+def test_the_way_is_turned_as_the_camera_was(memory) -> None:
+    turned = replace(memory, pose=np.array([0.0, 0.0, 0.5 * math.pi, 0.0, 0.0]))
+    nothing = FeatureObservations(*map(np.empty, (0, (0, 3), (0, 3), (0, 2))))
+    after, _ = turned.after(nothing, np.array([0.0, 1.0]))
+    assert after.place - memory.place == pytest.approx([-1.0, 0.0])  # facing left
+
+
 def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -> None:
     observations = drive.observations(14)
     _, before = memory.after(observations)
