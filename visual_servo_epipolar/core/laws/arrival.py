@@ -13,17 +13,17 @@ shown while driving turns into metres along the axis: what is aside only paralla
 
 import math
 
-from visual_servo_epipolar.core.estimate.base_model import LATENCY_S
 from visual_servo_epipolar.core.estimate.goal_estimate import GoalEstimate, usual_step
 from visual_servo_epipolar.core.estimate.settings import DriveSettings
 from visual_servo_epipolar.core.laws.memory import Memory
-from visual_servo_epipolar.core.twoview.refinement import NEGLIGIBLE
 
 # Deviations that noise hardly reaches, and those that it never does; the first also of means over
 # looks, all of which share the noise of the photograph.
 NOISE_DEVIATIONS, SURE_DEVIATIONS = 2.0, 4.0
+NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of arrivals from behind
 PULSE_MISS = 0.15  # of a hop, by which stretched pulses miss: a base slips
 FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
+PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 WEARY_S = 2.0  # near its aim, after which bounds grow with time: no robot stands for ever
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of a robot that has arrived, by its memory of views [m]
@@ -111,8 +111,8 @@ def is_matched(
 
 
 def _is_patient(memory: Memory, spent: bool) -> bool:
-    """Return whether the robot still tries for what is finer than usual: for a few motions."""
-    return not spent and memory.settling.time_in_tolerance <= 4.0 * LATENCY_S
+    """Return whether the robot still tries for what is finer than usual."""
+    return not spent and memory.settling.time_in_tolerance <= PATIENCE_S
 
 
 def half_hop(

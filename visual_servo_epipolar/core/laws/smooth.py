@@ -53,6 +53,7 @@ BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis 
 MOST_ASIDE = 0.3  # heading error at which it backs off towards the axis [rad]
 TURNING_BEARING = 0.25  # beyond that at which backing off ends: where it turns ahead [rad]
 PASSED = 0.05  # beyond which the goal was passed by [m]
+HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
 HYSTERESIS = 0.35  # beyond where a robot backs off at first, for one on its way [rad]
 
 
@@ -265,7 +266,7 @@ def approaching(goal: GoalEstimate, memory: Memory, settings: DriveSettings) -> 
     if goal.offset is None:
         # A single view without the memory is none; near the goal two views know no direction,
         # and on its axis, where D is small, the second step leads there.
-        bearings, near = goal.bearings, abs(goal.difference) <= 0.5 * settings.retreat_difference
+        bearings, near = goal.bearings, abs(goal.difference) <= HANDOVER_DIFFERENCE
         if bearings is None or near and max(abs(bearings.chi), abs(bearings.alpha)) <= ON_AXIS:
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(goal, settings) else Event.NOTHING

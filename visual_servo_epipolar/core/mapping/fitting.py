@@ -202,6 +202,7 @@ DRIFT = 0.04  # of the share, from view to view: what looks alike changes with t
 # Shares up to which nothing, and from which all is withdrawn: noise alone makes some hundredths,
 # and what features have in common, which displaces most, shows least in what they disagree on.
 CHANCE, ALL = 0.2, 0.5
+LEAST_VARIANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +218,7 @@ class Shrinkage:
     """
 
     share: float = 0.0
-    variance: float = LEAST_PLACE
+    variance: float = LEAST_VARIANCE
 
     @property
     def withdrawn(self) -> float:
@@ -283,7 +284,7 @@ def _stepped(
     pose: FloatArray, step: FloatArray, covariance: FloatArray
 ) -> tuple[Shrinkage, FloatArray, FloatArray]:
     """Return the shrinkage after a ``step``, (6,), the pose, and what withdrawing moves it by."""
-    variance = max(float(covariance[VIEW, VIEW]), LEAST_PLACE)
+    variance = max(float(covariance[VIEW, VIEW]), LEAST_VARIANCE)
     after = Shrinkage(min(max(-float(step[VIEW]), 0.0), 1.0), variance)
     by_share = covariance[:VIEW, VIEW] / covariance[VIEW, VIEW]
     shift = after.withdrawn * by_share

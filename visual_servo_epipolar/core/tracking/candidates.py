@@ -16,9 +16,7 @@ from visual_servo_epipolar.core.tracking.warps import Warps
 
 GRID = (4, 3)  # columns and rows of the coarse grid that measures coverage
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
-# With a full set a search is made once in so many frames, for as much less; with few features it
-# is so many times wider.
-FULL_PERIOD = 3
+FULL_PERIOD = 3  # with a full set a search is made once in so many frames, for as much less
 # Candidates tried in a frame for each feature that is missing: eight took as long as all else.
 TRIES = 3
 # Deviation by noise of a strong feature [px]: weaker ones are tracked where these do not suffice.

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.goal import Goal, goal_id
 from visual_servo_epipolar.core.tracking.alignment import FIRST_ITERATIONS
-from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD
+from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.canvas import Canvas
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import flow, Frame, OpenCVError
@@ -44,6 +44,7 @@ from visual_servo_epipolar.core.tracking.warps import Warps
 
 MARGIN = 4.0  # features nearer to the border of the current image are dropped [px]
 MOST_SHIFT = 0.25  # of the width, of features since a wide lens was matched
+FEW_FACTOR = 3  # the search is so many times wider below min_features
 
 
 class Tracker:
@@ -311,7 +312,7 @@ class Tracker:
     def _reacquired(self, tracked: Tracks, image: FloatImage) -> Tracks:
         """Return the tracks and those missing candidates, tried in turn, that are in ``image``."""
         assert self._candidates is not None
-        factor = FULL_PERIOD if len(tracked) < self.settings.min_features else 1
+        factor = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
         count = factor * self.settings.search_per_frame
         ids = self._candidates.next_missing(tracked.warps, count, self._most)
         if not len(ids):

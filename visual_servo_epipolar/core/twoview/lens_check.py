@@ -9,7 +9,6 @@ from functools import lru_cache
 import math
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.least_squares import RIGHT
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.tracking.robust_geometry import share_on_plane
 from visual_servo_epipolar.core.twoview.observation import Observation
@@ -19,6 +18,7 @@ from visual_servo_epipolar.core.twoview.settings import PerceptionSettings
 
 UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins: less is no doubt
 CONTRADICTION = 5.0  # deviations
+PLANE_SHARE = 0.8  # of the features, that one homography fits
 
 
 def contradicted_by_pair(
@@ -34,7 +34,7 @@ def contradicted_by_pair(
     if few or not settings.calibrated or observation.wide:
         return '', None
     focal = observation.focal
-    if share_on_plane(observation.current, observation.desired, 1.0 / focal) > RIGHT:
+    if share_on_plane(observation.current, observation.desired, 1.0 / focal) > PLANE_SHARE:
         return '', None
     found = perceive(observation, uncalibrated(settings), 0)
     lens = found.memory.lens

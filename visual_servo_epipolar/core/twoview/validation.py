@@ -37,6 +37,7 @@ MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floo
 # That jitter where a view shows bumps, wide enough to draw no estimate [rad]; bumps of 1 deg under
 # either view, and a nod of the body, are less than 3.4 deg.
 ROUGH_FLOOR, ROUGH_JUMP = 1.5e-2, 4.0
+LEAST_HANDED = 0.8  # share of small triangles that turn alike, and are not mirrored
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
@@ -161,7 +162,7 @@ def rolled_over(rotation: FloatArray, current: FloatArray, desired: FloatArray) 
     if rotation[1, 1] >= 0.0:
         return ''
     is_above = float(current[:, 1] @ desired[:, 1]) > 0.0
-    if is_above and handedness(current, desired) > RIGHT:
+    if is_above and handedness(current, desired) > LEAST_HANDED:
         return ''
     return Reason.ROLLED_OVER.of(math.degrees(math.acos(max(float(rotation[1, 1]), -1.0))))
 
