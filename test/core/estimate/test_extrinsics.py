@@ -101,11 +101,11 @@ def test_one_jump_is_forgiven_and_the_path_begins_anew() -> None:
     assert belief.contradictions == 0
 
 
-def close_to_goal() -> Extrinsics:
-    """Return a belief that knows the camera to be at 0.1 m, with a mount that is not known."""
-    begun = placed(unknown(), Bearings.from_pose(Pose.from_start(0.0, -0.1, 0.0)), NOISE)
+def close_to_goal(distance: float = 0.1) -> Extrinsics:
+    """Return a belief that knows the camera to be so near [m], with a mount that is not known."""
+    begun = placed(unknown(), Bearings.from_pose(Pose.from_start(0.0, -1.0, 0.0)), NOISE)
     mean, covariance = begun.mean.copy(), begun.covariance.copy()
-    mean[RHO], covariance[RHO, RHO] = math.log(0.1), 0.01
+    mean[RHO], covariance[RHO, RHO] = math.log(distance), 0.01
     return replace(begun, mean=mean, covariance=covariance)
 
 
@@ -119,6 +119,18 @@ def test_near_the_goal_nothing_of_the_mount_is_learnt() -> None:
         np.testing.assert_array_equal(belief.mean[YAW:], told)
         assert not belief.believed
         assert belief.contradictions == 0
+
+
+def test_close_by_the_goal_a_direction_tells_nothing_of_the_mount() -> None:
+    """A base that is centimetres behind its commands has passed it elsewhere than thought."""
+    here, there = (Pose.from_start(x, y, 0.0) for x, y in ((0.0, -0.03), (-0.03, -0.15)))
+    before = replace(close_to_goal(0.03), travel=-LEAST_STEP)
+    near = update_extrinsics(before, sight(Bearings.from_pose(here)), 0.0, missed=False)
+    seen_aside = sight(Bearings.from_pose(there))
+    after = update_extrinsics(replace(near, travel=-0.12), seen_aside, 0.0, missed=False)
+    assert after.contradictions == 0
+    deviation = math.sqrt(after.covariance[YAW, YAW])
+    assert abs(after.mean[YAW]) < 1.5 * deviation
 
 
 def test_what_a_lens_turns_wrong_is_no_lever_arm() -> None:

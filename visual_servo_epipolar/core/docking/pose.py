@@ -10,18 +10,15 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimate.extrinsics import (
     corrected,
-    Extrinsics,
+    driven_yaw,
     YAW,
 )
 from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, goal_estimate
 from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose, relative_pose
 from visual_servo_epipolar.core.goal import NO_GOAL
-from visual_servo_epipolar.core.mapping.refinement import Geometry
-from visual_servo_epipolar.core.mapping.window import HEADING, VIEW
 from visual_servo_epipolar.core.odometry.increments import Motion, OdometryIncrement
 from visual_servo_epipolar.core.odometry.path import PathPlace
-from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.servo.estimator import fuse, of_the_axle, update_map
 from visual_servo_epipolar.core.servo.run import change_goal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -193,7 +190,9 @@ def _estimated(
     dock = None
     views = fusion.map.views
     if fusion.reading is not None and views is not None and views.geometry is not None:
-        mounted = _mounted(settings.extrinsics, views.geometry)
+        mounted = settings.extrinsics
+        off, variance = driven_yaw(mounted, views.geometry)
+        mounted = replace(corrected(mounted, YAW, off, variance), believed=True)
         measurement = of_the_axle(fusion.measurement, mounted)
         goal_pose = goal_estimate(measurement, fusion.reading, mounted, BaseModel()).in_base()
         dock = None if goal_pose is None else DockPose(*goal_pose)
@@ -201,29 +200,6 @@ def _estimated(
         goal=replace(state.goal, map=fusion.map), memory=fusion.memory, frame=state.view.frame + 1
     )
     return update_map(state), dock, reason
-
-
-def _mounted(configured: Extrinsics, geometry: Geometry) -> Extrinsics:
-    """
-    Return how the camera sits on the base, by where it was driven.
-
-    A camera that looks aside of where it is driven has the driven places of its keyframes turned
-    against those of the images.
-    """
-    yaw, *_ = configured.mount.tolist()
-    swings = [camera_swing(0.0, it) @ configured.mount[1:] for it in geometry.unknowns.views[:, 2]]
-    seen, driven = geometry.unknowns.views[:, :HEADING] - swings, geometry.window.driven_places
-    seen, driven = seen - seen.mean(0), driven - driven.mean(0)
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    driven = driven @ np.array([[cosine, -sine], [sine, cosine]])
-    across, along = np.column_stack([-seen[:, 1], seen[:, 0]]), float((seen * driven).sum())
-    if along <= 0.0:
-        return replace(configured, believed=True)
-    turn = math.atan2(float((across * driven).sum()), along)
-    slope = np.zeros((len(seen), VIEW))
-    slope[:, :HEADING] = across / along
-    errors = slope.ravel() @ geometry.root[: slope.size]
-    return replace(corrected(configured, YAW, turn, float(errors @ errors)), believed=True)
 
 
 def _after(dock: DockPose, driven: FloatArray, motion: Motion) -> DockPose:

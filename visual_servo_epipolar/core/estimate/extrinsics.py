@@ -8,10 +8,10 @@ place moves its camera (the lever arm). A Kalman filter in modified polar coordi
 a distance that is not known (Aidala, Hammel 1983): psi [rad], the logarithm of the distance [m],
 yaw [rad], and the lever arm forward and left [m], in axes of the camera.
 
-What bearings tell of the mount is learnt at once, and believed where it is significant. Straight
-legs of step 2 tell a tenth of a degree of the yaw by places of the map: a camera that looks aside
-of where it is driven ends aside of the line that it follows, and a principal point that is off by
-a few pixels does the same.
+What bearings tell of the mount is learnt at once, and believed where it is significant. Keyframes
+of the map tell a tenth of a degree of the yaw by where they were driven: a camera that looks aside
+of that ends aside of the line that it follows, and a principal point that is off by a few pixels
+does the same.
 """
 
 from dataclasses import dataclass, replace
@@ -20,12 +20,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, ROUNDING
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.least_squares import CONTRADICTING, least_squares
 from visual_servo_epipolar.core.mapping.factors import UNKNOWN_SCALE
-from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset, camera_swing
+from visual_servo_epipolar.core.mapping.refinement import Geometry
+from visual_servo_epipolar.core.mapping.window import HEADING, MapSettings, VIEW
+from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.twoview.measurement import Measurement
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
@@ -47,19 +48,15 @@ MAX_CONTRADICTIONS = 12  # beyond which bearings contradict what was driven
 SIGNIFICANT = 4.0, 3.5
 # Below which little is gained [rad, m, m]; an offset aside alone is never certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
-# Of a yaw that legs by a memory of views tell, and its deviations from the configured one.
-LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
+# Of a yaw that driven keyframes tell [rad], and its deviations from the one gone by.
+LEAST_OF_DRIVE, SIGNIFICANT_OF_DRIVE = math.radians(0.15), 3.0
+MOST_OF_DRIVE = math.radians(0.5)  # deviation: far off a map may be wrong by more
+LAG = MapSettings().lag
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
 PLAUSIBLE = 5.0  # deviations from the configured mount, beyond which another thing was learnt
 FAULT = 5  # what one bearing beyond the gate counts as a contradiction
-LEG_M = 0.25  # over which a direction is measured
-OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
-LEAST_LEVER, LEVER = 0.01, 0.1  # by which a turn may swing the camera aside of where it is [m]
-LEAST_LEG_DEVIATION = 5e-4  # of the mean heading of a leg [rad]
-MOST_DEVIATION = math.radians(0.5)  # of what a leg tells: far off a memory may be wrong by more
-MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,6 +280,15 @@ def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     return corrected(before, RHO, innovation, variance * known / (known - variance))
 
 
+def close_by(before: Extrinsics) -> Extrinsics:
+    """Return the belief; close by the goal with a direction no better than the base obeys."""
+    if not before.distance < NEAR:
+        return before
+    covariance = before.covariance.copy()
+    covariance[PSI, PSI] = max(covariance[PSI, PSI], (LAG / before.distance) ** 2)
+    return replace(before, covariance=covariance)
+
+
 def update_extrinsics(
     before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
 ) -> Extrinsics:
@@ -311,7 +317,7 @@ def update_extrinsics(
     if measurement.offset is not None:
         after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
     if bearings is None or after.distance < NEAR:
-        return after
+        return close_by(after)
     before, after = (replace(each, remembers=remembers) for each in (before, after))
     after, innovation = seen(after, bearings.psi, deviation, anew=switched)
     if (has_leapt := abs(innovation) > GATE) or not (switched or is_plausible(after)):
@@ -325,14 +331,49 @@ def update_extrinsics(
     return replace(after, contradictions=max(before.contradictions - 1, 0), believed=believed)
 
 
-def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
-    """Return the belief after legs showed a ``yaw`` [rad], if it is not the one gone by."""
-    off = abs(math.remainder(yaw - before.mount[0], 2.0 * math.pi))
-    if not (before.believed or off > max(SIGNIFICANT_OF_LEGS * deviation, LEAST_OF_LEGS)):
+def with_driven_yaw(before: Extrinsics, geometry: Geometry, *, missed: bool) -> Extrinsics:
+    """Return the belief with the yaw by where keyframes were driven, if it is another one."""
+    if before.ambiguous and not missed:  # the map may be of the other geometry
         return before
-    innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
-    after = corrected(before, YAW, innovation, deviation * deviation)
+    off, variance = driven_yaw(before, geometry)
+    known, deviation = float(before.covariance[YAW, YAW]), math.sqrt(variance)
+    least = max(SIGNIFICANT_OF_DRIVE * deviation, LEAST_OF_DRIVE)
+    matters = before.believed or abs(float(before.mean[YAW]) + off - before.mount[0]) > least
+    if not matters or known <= variance or deviation > MOST_OF_DRIVE:
+        return before  # all that a map says has one error, and counts once
+    after = corrected(before, YAW, off, variance * known / (known - variance))
     return replace(after, believed=True) if is_plausible(after) else before
+
+
+def driven_yaw(belief: Extrinsics, geometry: Geometry) -> tuple[float, float]:
+    """
+    Return by how much the likely yaw is off [rad], by the keyframes of a map, and the variance.
+
+    A camera that looks aside of where it is driven has the driven places of its keyframes turned
+    against those of the images. Place and scale of these are unknown; the lever arm, which a turn
+    swings, as far as settings tell it. A base may be behind its commands by its lag.
+    """
+    yaw, *lever = belief.likely.tolist()
+    views, driven = geometry.unknowns.views, geometry.window.driven_places
+    count, cosine, sine = len(views), math.cos(yaw), math.sin(yaw)
+    driven = (driven - driven.mean(0)) @ np.array([[cosine, -sine], [sine, cosine]])
+    swings = np.array([camera_swing(0.0, heading) for heading in views[:, HEADING].tolist()])
+    slopes = np.zeros((count, 2, 6))
+    slopes[..., 0], slopes[..., 1:3] = np.column_stack([driven[:, 1], -driven[:, 0]]), swings
+    slopes[..., 3], slopes[..., 4:] = driven, np.eye(2)
+    off = views[:, :HEADING] - swings @ lever - driven
+    late = np.zeros((count, 2, count))
+    late[range(count), 0, range(count)] = -LAG * np.sin(views[:, HEADING])
+    late[range(count), 1, range(count)] = LAG * np.cos(views[:, HEADING])
+    seen = geometry.root[: VIEW * count].reshape(count, VIEW, -1)[:, :HEADING]
+    root = np.concatenate([seen, late], axis=2).reshape(2 * count, -1)
+    errors = root @ root.T + ROUNDING * np.eye(2 * count)
+    by_place = slopes.reshape(2 * count, 6)
+    weighted = np.linalg.solve(errors, np.column_stack([by_place, off.ravel()]))
+    known = np.concatenate([np.maximum(belief.deviations, ROUNDING) ** -2, np.zeros(3)])
+    covariance = np.linalg.inv(by_place.T @ weighted[:, :6] + np.diag(known))
+    changes = (covariance @ by_place.T @ weighted[:, 6]).tolist()
+    return changes[0] / (1.0 + changes[3]), float(covariance[0, 0])
 
 
 def is_plausible(belief: Extrinsics) -> bool:
@@ -352,79 +393,3 @@ def is_significant(belief: Extrinsics, missed: bool) -> bool:
         abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
         for change, deviation, least in zip(changes, deviations, LEAST, strict=True)
     )
-
-
-@dataclass(frozen=True, slots=True)
-class StraightLeg:
-    """
-    Leg of step 2 from where a memory of views has the camera, ``x`` (right), ``y`` (ahead) [m].
-
-    Both are in axes of the goal's camera; ``deviation`` is that of x [m], ``heading`` the error
-    there [rad]; ``travel`` since is negative backward [m], ``turned`` the integral of the heading
-    error over it [rad m]. ``weight`` [1/rad^2] and ``weighted`` [1/rad] are what legs before gave.
-    """
-
-    x: float
-    y: float
-    deviation: float
-    heading: float
-    travel: float = 0.0
-    turned: float = 0.0
-    weight: float = 0.0
-    weighted: float = 0.0
-
-    def yaw(self, end: 'StraightLeg', mount: FloatArray, lever: float) -> tuple[float, float]:
-        """
-        Return by how much the camera looks to the left of where it is driven, and the deviation.
-
-        Both are in rad; the leg ends where ``end`` begins. The axle is where the ``mount`` that is
-        likely by now, (3,), lies off the camera, at both ends; ``lever`` is the deviation of
-        how far the camera is ahead of it [m].
-        """
-        x, y = axle_offset((self.x, self.y), self.heading, mount)
-        right, ahead = axle_offset((end.x, end.y), end.heading, mount)
-        right, ahead = right - x, ahead - y
-        way = math.hypot(right, ahead)
-        if not way > 0.5 * LEG_M or abs(end.heading - self.heading) > MOST_CURVED:
-            return 0.0, math.inf
-        forward = math.copysign(1.0, self.travel)
-        driven = math.atan2(-forward * right, forward * ahead)
-        swing = lever * abs(end.heading - self.heading)
-        aside = math.hypot(OF_BOTH * self.deviation, OF_BOTH * end.deviation, swing) / way
-        if aside > MOST_DEVIATION:
-            return 0.0, math.inf
-        return self.turned / self.travel - driven, math.hypot(aside, LEAST_LEG_DEVIATION)
-
-    def followed_by(self, end: 'StraightLeg', yaw: float, deviation: float) -> 'StraightLeg':
-        """Return the leg that begins at the ``end`` of this one, which gave a ``yaw`` [rad]."""
-        measured = 1.0 / (deviation * deviation)
-        return replace(end, weight=self.weight + measured, weighted=self.weighted + measured * yaw)
-
-    @property
-    def measured(self) -> tuple[float, float]:
-        """The mean yaw of all legs by now and its deviation [rad], which is inf of none."""
-        if not self.weight > 0.0:
-            return 0.0, math.inf
-        return self.weighted / self.weight, 1.0 / math.sqrt(self.weight)
-
-
-def straight_on(
-    leg: StraightLeg | None, reading: MapLocalization | None, travel: float, belief: Extrinsics
-) -> tuple[StraightLeg | None, Extrinsics]:
-    """Return the ``leg`` after ``travel`` [m], and the belief by the yaw that all legs tell."""
-    if reading is None:
-        return None, belief
-    heading = reading.heading_error
-    place = reading.lateral, reading.longitudinal
-    here = StraightLeg(*place, reading.lateral_deviation, heading)
-    if leg is None:
-        return here, belief
-    leg = replace(leg, travel=leg.travel + travel, turned=leg.turned + heading * travel)
-    if abs(leg.travel) < LEG_M:
-        return leg, belief
-    lever = min(max(math.sqrt(belief.covariance[FORWARD, FORWARD]), LEAST_LEVER), LEVER)
-    measured = leg.yaw(here, belief.likely, lever)
-    following = leg.followed_by(here, *measured)
-    # What is believed by now learns from each leg; it takes all of them to begin to.
-    measured = measured if belief.believed else following.measured
-    return following, with_yaw(belief, *measured)

@@ -83,7 +83,6 @@ def _undone(state: ServoState, measurement: GoalEstimate) -> ServoState:
         dead_band=state.identified.dead_band,
         extrinsics=extrinsics and replace(extrinsics, placed=False),
         odometry=replace(identified.odometry, check=None, pose=pose),
-        straight=None,
     )
     goal = replace(state.goal, map=lost_map)
     return state.changed(goal=goal, identified=identified, leg=None)

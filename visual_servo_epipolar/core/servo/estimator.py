@@ -14,8 +14,8 @@ from typing import NamedTuple
 from visual_servo_epipolar.core.estimate.base_model import Curvature
 from visual_servo_epipolar.core.estimate.extrinsics import (
     Extrinsics,
-    straight_on,
     update_extrinsics,
+    with_driven_yaw,
 )
 from visual_servo_epipolar.core.estimate.goal_estimate import goal_estimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import localize, MapState, measurement_of
@@ -230,18 +230,14 @@ def identify(
 ) -> tuple[Fusion, Identification]:
     """Return what a ``drive`` and the view after it show, less a disproved geometry."""
     before, acted, slope = state.identified, drive.acted, state.motion.slope.value
-    extrinsics = update_extrinsics(
-        before.extrinsics or settings.extrinsics,
-        fusion.measurement,
-        drive.travel,
-        missed=state.run.attempts > 1 or state.run.restarts >= MOST_RESTARTS // 3,
-    )
+    missed = state.run.attempts > 1 or state.run.restarts >= MOST_RESTARTS // 3
+    known = before.extrinsics or settings.extrinsics
+    extrinsics = update_extrinsics(known, fusion.measurement, drive.travel, missed=missed)
     if extrinsics.contradicts:
         fusion, extrinsics = disproved(perception, settings), settings.extrinsics
-    straight = None
-    if state.phase.straight:
-        leg = before.straight, fusion.reading, drive.travel
-        straight, extrinsics = straight_on(*leg, extrinsics)
+    views = fusion.map.views
+    if views is not None and views.geometry is not None:
+        extrinsics = with_driven_yaw(extrinsics, views.geometry, missed=missed)
     measurement = of_the_axle(fusion.measurement, extrinsics)
     odometry, bias = drive.odometry.judge(measurement), _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
@@ -259,8 +255,6 @@ def identify(
         dead_band=band,
         delay=before.delay.updated(measurement, state.motion.sent, settings),
         odometry=odometry,
-        # Another scale is another place: a leg cannot go on from one to the other.
-        straight=straight if odometry.trusted is before.odometry.trusted else None,
     )
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 
 from visual_servo_epipolar.core.estimate.base_model import Curvature, Delay
 from visual_servo_epipolar.core.estimate.dead_band import DeadBand
-from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics, StraightLeg
+from visual_servo_epipolar.core.estimate.extrinsics import Extrinsics
 from visual_servo_epipolar.core.estimate.goal_estimate import BaseModel, GoalEstimate, MotionState
 from visual_servo_epipolar.core.estimate.map_state import MapState
 from visual_servo_epipolar.core.estimate.motion_check import MotionCheck
@@ -37,8 +37,7 @@ class Identification:
 
     ``extrinsics`` of the camera on the base, None before the first image; ``curvature`` that the
     base adds to commands; ``dead_band``, what it was seen not to follow; ``delay``, how late it
-    obeys; ``odometry``, and whether it tells the truth; ``straight``, the leg of step 2 by the
-    map, None without.
+    obeys; ``odometry``, and whether it tells the truth.
     """
 
     extrinsics: Extrinsics | None = None
@@ -46,7 +45,6 @@ class Identification:
     dead_band: DeadBand = DeadBand()
     delay: Delay = Delay()
     odometry: Odometry = Odometry()
-    straight: StraightLeg | None = None
 
     @property
     def base(self) -> BaseModel:
