@@ -1,11 +1,16 @@
-"""Named variants, our own and those of other packages: found, checked, named where broken."""
+"""What stands at the root of the core: registries, reasons, arrays."""
 
 from importlib.metadata import EntryPoint
+import pickle
+from string import Formatter
 from typing import Any
 
+import numpy as np
 import pytest
 
 from visual_servo_epipolar.core import registry
+from visual_servo_epipolar.core.arrays import packed
+from visual_servo_epipolar.core.reasons import Reason, reason_of
 from visual_servo_epipolar.core.registry import Registry
 
 GROUP = 'visual_servo_epipolar.tests'
@@ -82,3 +87,39 @@ def test_without_a_type_a_variant_must_be_callable(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(registry, 'entry_points', lambda group: points)
     with pytest.raises(ValueError, match='must be callable'):
         Registry(GROUP, {})['digits']
+
+
+@pytest.mark.parametrize('reason', Reason)
+def test_a_text_keeps_its_reason_in_another_process_and_reads_as_any_text(reason: Reason) -> None:
+    values = [
+        1.0 if spec else 'word'
+        for _, name, spec, _ in Formatter().parse(reason.value)
+        if name is not None
+    ]
+    text = pickle.loads(pickle.dumps(reason.of(*values)))
+    assert reason_of(text) is reason
+    assert text == reason.value.format(*values)
+
+
+def test_a_text_from_elsewhere_is_another_reason_whatever_its_words() -> None:
+    assert reason_of(Reason.TILTED.value) is Reason.OTHER
+    assert reason_of('') is Reason.NONE
+
+
+ROWS = 50
+
+
+@pytest.mark.parametrize('function', [np.arctan2, np.power])
+def test_a_column_gives_the_same_bits_right_in_front_of_the_result(function: np.ufunc) -> None:
+    room = np.random.default_rng(0).uniform(0.1, 1.0, 4 * ROWS)
+    rows, behind = room[: 3 * ROWS].reshape(ROWS, 3), room[3 * ROWS :]
+    away = function(rows[:, 0].copy(), rows[:, 2].copy())
+    function(packed(rows[:, 0]), packed(rows[:, 2]), out=behind)
+    np.testing.assert_array_equal(behind, away)
+
+
+def test_nothing_else_is_changed() -> None:
+    table = np.arange(12.0).reshape(4, 3)
+    assert packed(table) is table
+    assert packed(table[:, 1]).flags.c_contiguous
+    assert packed(np.float64(3.0)).shape == ()

@@ -1,14 +1,21 @@
-"""The pages: links, words, the example of the README, quoted messages, the glossary."""
+"""The pages: links, words, command lines, quoted messages, tables to extend, the glossary."""
 
+from dataclasses import fields
 from pathlib import Path
 import re
+import shlex
 
 from loaded import DOCS, linked, ROOT
 import pytest
 
+from visual_servo_epipolar.commands.main import parser
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.reasons import Reason
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.core.twoview.registry import ESTIMATORS
 
 README = ROOT / 'README.md'
 PAGES = [README, *sorted({*ROOT.glob('*.md'), *(ROOT / 'docs').rglob('*.md')} - {README})]
@@ -145,3 +152,63 @@ def test_the_terms_are_in_alphabetical_order() -> None:
     terms = re.findall(r'^\| \*\*(.+?)\*\* \|', table, re.M)
     assert len(terms) >= 20
     assert terms == sorted(terms, key=str.lower)
+
+
+@pytest.mark.parametrize('name', ['words', 'colour'])
+def test_words_and_colour_of_a_phase_are_its_own(name: str) -> None:
+    values = [getattr(row, name) for row in TWO_STEPS.rows.values()]
+    assert all(values) and len(set(values)) == len(values)
+
+
+def test_every_estimator_of_our_own_is_named_in_the_setting() -> None:
+    setting = next(item for item in fields(ServoSettings) if item.name == 'estimator')
+    for name, estimator in ESTIMATORS.items():
+        if estimator.__module__.startswith('visual_servo_epipolar.'):
+            assert f'{name} (' in range_of(setting).text
+
+
+def test_the_tests_that_are_named_exist() -> None:
+    text = (ROOT / 'docs' / 'extending.md').read_text(encoding='utf-8')
+    named = set(re.findall(r'test/[\w/]+(?:\.py)?', text))
+    assert named
+    assert [name for name in sorted(named) if not (ROOT / name).exists()] == []
+
+
+CONSOLE_PAGES = [ROOT / 'README.md', *sorted(DOCS.rglob('*.md'))]
+NAMES = sorted(parser().commands)
+BLOCK = re.compile(r'^```console\n(.*?)^```', re.M | re.S)
+
+
+def command_lines() -> list[tuple[str, str]]:
+    """Return (page, line), continuation lines joined, comments kept."""
+    return [
+        (str(page.relative_to(ROOT)), line)
+        for page in CONSOLE_PAGES
+        for block in BLOCK.findall(page.read_text(encoding='utf-8'))
+        for line in block.replace('\\\n', ' ').splitlines()
+        if line.startswith('visual_servo ')
+    ]
+
+
+@pytest.mark.parametrize(('page', 'line'), command_lines())
+def test_the_command_line_is_understood(page: str, line: str) -> None:
+    words = shlex.split(line, comments=True)[1:]
+    if words in (['--help'], ['--version']):
+        return
+    options = parser(words).parse_args(words)
+    assert callable(options.run), page
+
+
+def test_each_command_has_its_page() -> None:
+    assert sorted(page.stem for page in (DOCS / 'commands').glob('*.md')) == NAMES
+    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
+    for name in NAMES:
+        assert f'(docs/commands/{name}.md)' in readme
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_the_page_of_a_command_shows_it_at_work(name: str) -> None:
+    text = (DOCS / 'commands' / f'{name}.md').read_text(encoding='utf-8')
+    assert re.search(rf'^```console\nvisual_servo {name} ', text, re.M)
+    for title in ('## Options', '## Exit code', '## JSON'):
+        assert f'\n{title}\n' in text, title

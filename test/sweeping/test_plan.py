@@ -1,8 +1,13 @@
-"""A run follows from the plan and its index; chunks share out each run once."""
+"""Plans of sweeps: their starts, and the workers that drive them."""
 
 import argparse
 import json
+import os
+from pathlib import Path
 import shlex
+import signal
+import subprocess
+import sys
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,6 +21,7 @@ from visual_servo_epipolar.simulation.closed_loop import Loop, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import drive
 from visual_servo_epipolar.sweeping.plan import Chunk, result_of, work
+from visual_servo_epipolar.sweeping.workers import MEMORY, THREADS, worker_pool
 
 LAWS = ('paper', 'corrected', 'full')
 WHOLE = st.integers(0, 2**31 - 1)
@@ -158,3 +164,47 @@ def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.Mo
     assert 'in sometimes' in broken['traceback']
     assert sound.keys() | {'traceback'} == broken.keys()
     assert 'traceback' not in sound
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_workers_alone_have_one_thread_and_keep_their_memory() -> None:
+    before = dict(os.environ)
+    with worker_pool(1, 'try again') as pool:
+        told = {name: pool.submit(os.getenv, name).result() for name in (*THREADS, *MEMORY)}
+    assert told == {**dict.fromkeys(THREADS, '1'), **MEMORY}
+    assert dict(os.environ) == before
+
+
+# Read by every Python that is started with its folder on PYTHONPATH: Ctrl-C at its first line.
+STRUCK = """
+import os, signal, sys
+if '--multiprocessing-fork' in sys.orig_argv:
+    os.kill(os.getpid(), signal.SIGINT)
+"""
+POOL = """
+import signal
+from visual_servo_epipolar.sweeping.workers import worker_pool
+
+if __name__ == '__main__':
+    with worker_pool(1, 'try again') as pool:
+        print(pool.submit(signal.getsignal, signal.SIGINT).result().name)
+        print(pool.submit(signal.pthread_sigmask, signal.SIG_BLOCK, []).result())
+"""
+
+
+def test_a_worker_that_is_still_loading_leaves_ctrl_c_to_its_parent(tmp_path: Path) -> None:
+    (tmp_path / 'sitecustomize.py').write_text(STRUCK)
+    (tmp_path / 'pool.py').write_text(POOL)
+    path = [str(tmp_path), str(ROOT), os.environ.get('PYTHONPATH', '')]
+    ended = subprocess.run(
+        [sys.executable, str(tmp_path / 'pool.py')],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, path))},
+        capture_output=True,
+        text=True,
+        timeout=120.0,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout.split('\n') == ['SIG_IGN', 'set()', '']
