@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.registry import Registry
 LAWS: Registry[Law] = Registry(
     LAW_GROUP, dict(zip(OWN_LAWS, (PAPER, CORRECTED, FULL, SMOOTH), strict=True)), Law
 )
+GREY = '#5A5A5A'  # of a phase that no law has
 
 
 def law_named(name: str) -> Law:
@@ -69,7 +70,7 @@ def phase_words(word: str) -> str:
 def phase_colour(word: str) -> str:
     """Return the colour of a phase as '#RRGGBB'; grey where no law has the phase."""
     row = phase_row(word)
-    return row.colour if row else '#5A5A5A'
+    return row.colour if row else GREY
 
 
 def sentence(phase: Phase, reason: str) -> str:
