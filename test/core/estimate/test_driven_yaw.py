@@ -79,6 +79,15 @@ def test_what_hardly_matters_or_is_hardly_known_is_left_alone(shown) -> None:
     assert learnt(KNOWN, keyframes(**shown)) is KNOWN
 
 
+@pytest.mark.parametrize('way', [0.0, math.nan])
+def test_where_nobody_knows_the_way_nothing_is_learnt(way) -> None:
+    geometry, wrong = keyframes(), believing(2.0)
+    places = np.full_like(geometry.window.driven_places, way)
+    window = replace(geometry.window, driven_places=places)
+    pushed = replace(geometry, evaluation=replace(geometry.evaluation, window=window))
+    assert learnt(wrong, pushed) is wrong
+
+
 def test_once_two_geometries_have_fitted_it_is_learnt_after_a_miss_alone() -> None:
     doubtful, geometry = replace(KNOWN, ambiguous=True), keyframes(3.0)
     assert learnt(doubtful, geometry) is doubtful

@@ -339,7 +339,7 @@ def with_driven_yaw(before: Extrinsics, geometry: Geometry, *, missed: bool) -> 
     known, deviation = float(before.covariance[YAW, YAW]), math.sqrt(variance)
     least = max(SIGNIFICANT_OF_DRIVE * deviation, LEAST_OF_DRIVE)
     matters = before.believed or abs(float(before.mean[YAW]) + off - before.mount[0]) > least
-    if not matters or known <= variance or deviation > MOST_OF_DRIVE:
+    if not (matters and variance < known and deviation <= MOST_OF_DRIVE):
         return before  # all that a map says has one error, and counts once
     after = corrected(before, YAW, off, variance * known / (known - variance))
     return replace(after, believed=True) if is_plausible(after) else before
@@ -370,10 +370,12 @@ def driven_yaw(belief: Extrinsics, geometry: Geometry) -> tuple[float, float]:
     errors = root @ root.T + ROUNDING * np.eye(2 * count)
     by_place = slopes.reshape(2 * count, 6)
     weighted = np.linalg.solve(errors, np.column_stack([by_place, off.ravel()]))
-    known = np.concatenate([np.maximum(belief.deviations, ROUNDING) ** -2, np.zeros(3)])
-    covariance = np.linalg.inv(by_place.T @ weighted[:, :6] + np.diag(known))
+    deviations = np.array(
+        [*np.maximum(belief.deviations, ROUNDING), UNKNOWN_SCALE, np.inf, np.inf]
+    )
+    covariance = np.linalg.inv(by_place.T @ weighted[:, :6] + np.diag(deviations**-2))
     changes = (covariance @ by_place.T @ weighted[:, 6]).tolist()
-    return changes[0] / (1.0 + changes[3]), float(covariance[0, 0])
+    return changes[0] / max(1.0 + changes[3], 0.5), float(covariance[0, 0])
 
 
 def is_plausible(belief: Extrinsics) -> bool:

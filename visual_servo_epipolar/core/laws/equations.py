@@ -72,8 +72,9 @@ def linearizing_control(
     """
     Return the approximately linearizing feedback of eqs. (11), (16), (17).
 
-    ``sigma`` is the sign of cos(psi - theta), ``distance`` the estimate d_hat [m], and ``nu`` the
-    auxiliary controls (nu_1, nu_2); ``e_current`` must not be zero unless nu_2 is.
+    ``sigma`` is the sign of cos(psi - theta), ``distance`` the estimate d_hat [m], ``focal`` the
+    focal length or its guess (24), and ``nu`` the auxiliary controls (nu_1, nu_2); ``e_current``
+    must not be zero unless nu_2 is.
     """
     nu_1, nu_2 = nu
     squared_current = e_current * e_current + focal * focal
